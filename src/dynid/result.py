@@ -196,6 +196,18 @@ class Result(Mapping[str, Variable]):
         """Store a coordinate: its dimension is the last part of its path."""
         self.add(path, data, (path.rsplit("/", 1)[-1],), units, **attrs)
 
+    def add_all(
+        self, group: str, dims: tuple[str, ...] = (), units: str = "", /, **arrays: ArrayLike
+    ) -> None:
+        """Store arrays of the same axes and units in a group, by name."""
+        for name, data in arrays.items():
+            self.add(f"{group}/{name}", data, dims, units)
+
+    def add_axes(self, group: str, units: str = "", /, **axes: ArrayLike) -> None:
+        """Store coordinates of the same unit in a group, by name."""
+        for name, data in axes.items():
+            self.add_axis(f"{group}/{name}", data, units)
+
     def annotate(self, group: str, **attrs: Scalar) -> None:
         """Set attributes of a group (the root result's own are in `attrs`)."""
         self.group_attrs.setdefault(group, {}).update(attrs)

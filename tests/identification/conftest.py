@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from dynid.identification import identify
-from dynid.identification.estimators import auto
+from dynid.identification.estimators import multi_start
 from dynid.identification.results import write_derived
 
 _STATES, _MISTAKES = write_derived._MAX_STATES, identify.instrument_mistakes
@@ -33,10 +33,10 @@ def complete(monkeypatch):
 @pytest.fixture
 def few_starts(monkeypatch):
     """Three starts besides the given one, where any number ends at no optimum."""
-    monkeypatch.setattr(auto, "MOST_STARTS", replace(auto.MOST_STARTS, value=3))
+    monkeypatch.setattr(multi_start, "MOST_STARTS", replace(multi_start.MOST_STARTS, value=3))
 
 
 @pytest.fixture
 def poor_starts(few_starts, monkeypatch):  # noqa: ARG001
     """Three starts, each the best of 16 instead of hundreds, where nothing depends on how near they are."""
-    monkeypatch.setattr(auto, "_ROUNDS", [(16, reach, part) for _, reach, part in auto._ROUNDS])
+    monkeypatch.setattr(multi_start, "_ROUNDS", [(16, reach, part) for _, reach, part in multi_start._ROUNDS])

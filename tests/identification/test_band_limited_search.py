@@ -111,7 +111,7 @@ def test_clean_responses_give_the_parameters_back_exactly():
 
 def test_a_band_that_is_too_narrow_is_widened(monkeypatch):
     """Noise that is taken for white leaves a lack of fit: only the whole model can confirm an optimum."""
-    once, tried, limit = auto.FrfAuto(multi_start=False), [], auto.FrfLikelihood.band_limited
+    once, tried, limit = auto.Auto(multi_start=False), [], auto.FrfLikelihood.band_limited
     few = FrfMeasurement(LINES[::2], FUNCTIONS, Simulation(0.02, 3, noise_by_line=True))
     expected = identify(whole_beam(0.99), few, once)
 

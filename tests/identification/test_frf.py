@@ -9,7 +9,7 @@ import pytest
 
 from dynid import defaults
 from dynid.errors import Diverged, NotIdentifiable, Singular, UsageError
-from dynid.identification.estimators import auto
+from dynid.identification.estimators import multi_start
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify
@@ -81,7 +81,7 @@ def test_a_search_that_nothing_ends_is_cut_off_with_a_remedy(monkeypatch):
     monkeypatch.setattr(frf_record, "SEARCH_WORK", defaults.Limit(0, ""))
     asked = []
     monkeypatch.setattr(FrfSystem, "response", counting(asked, FrfSystem.response))
-    monkeypatch.setattr(auto, "AGREEING_STARTS", defaults.Limit(100, ""))
+    monkeypatch.setattr(multi_start, "AGREEING_STARTS", defaults.Limit(100, ""))
     result = identify(suspension(0.5), FrfMeasurement(LINES, CHANNELS, values))
     assert diagnostic(result, "verdict").startswith("NOT converged: the search was cut off")
     assert re.search(

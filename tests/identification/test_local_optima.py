@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from dynid import defaults, load_scene, run
 from dynid.errors import Diverged, DynidError
-from dynid.identification.estimators.auto import Search, drawn_starts
+from dynid.identification.estimators.multi_start import Search, drawn_starts
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
 from dynid.identification.likelihood import time_record

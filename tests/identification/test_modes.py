@@ -8,7 +8,7 @@ import scipy.stats
 
 from dynid.arithmetic.dependent import Dependent
 from dynid.errors import UsageError
-from dynid.identification.estimators.modal_search import ModalSearch
+from dynid.identification.estimators.auto import Auto
 from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify
 from dynid.identification.likelihood.likelihood import Likelihood
@@ -416,7 +416,7 @@ def standardised_errors(seed, damping, form=(0.0, 0.0)):
         shape=modal.shape + form[1] * modal.sizes * rng.standard_normal(modal.shape.shape),
     )
     likelihood = Likelihood((ModalRecord.of(model, modal, 6),))
-    found = ModalSearch().run(likelihood, starts(model.unknowns))
+    found = Auto().run(likelihood, starts(model.unknowns))
     likelihood = found.likelihood or likelihood
     information = likelihood.information(found.fit, likelihood.likeliest(found.fit))
     return (found.fit.eta - truth(model)) / information.deviations()

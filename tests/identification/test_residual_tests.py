@@ -5,7 +5,7 @@ import pytest
 from scipy import signal, stats
 from scipy.optimize import least_squares
 
-from dynid.identification.estimators.auto import Auto, FrfAuto
+from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, unstacked
@@ -254,7 +254,7 @@ def frf(seed, spoil=0.0, loss=None, noise=None):
     measurement = FrfMeasurement(
         omega, channels, values, noise=None if noise is None else list(noise * level)
     )
-    return identify(two_masses(), measurement, loss or FrfAuto()), omega[31]
+    return identify(two_masses(), measurement, loss or Auto()), omega[31]
 
 
 def test_frequency_responses_have_the_same_tests_and_loss():
@@ -262,7 +262,7 @@ def test_frequency_responses_have_the_same_tests_and_loss():
     said = [warning for warning in warnings(result) if "outlier" in warning]
     assert len(said) == 1
     assert f"{line:.5g} rad/s" in said[0]
-    robust, _ = frf(3, 60.0, Huber(FrfAuto()))
+    robust, _ = frf(3, 60.0, Huber(Auto()))
     clean, _ = frf(3)
     np.testing.assert_allclose(
         parameter(robust, "standard_error"), parameter(clean, "standard_error"), rtol=0.15

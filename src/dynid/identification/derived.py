@@ -87,30 +87,16 @@ class Verdict(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class GaussianPosterior:
-    """Gaussian posterior of the parameters in their coordinates.
+    """Gaussian posterior of the parameters in their coordinates."""
 
-    Attributes
-    ----------
-    unknowns
-        The parameters (p).
-    eta
-        Its mean (p).
-    root
-        A root of its covariance (p x p).
-    low, high
-        Limits of the coordinates (p).
-    count
-        Number of samples.
-    drawn
-        Samples of a posterior that limits cut off (count x p); None of a Gaussian one.
-    """
-
-    unknowns: tuple[Parameter, ...]
-    eta: Array
-    root: Array
+    unknowns: tuple[Parameter, ...]  # the parameters (p)
+    eta: Array  # its mean (p)
+    root: Array  # a root of its covariance (p x p)
+    # `low`, `high`: limits of the coordinates (p)
     low: Array
     high: Array
-    count: int = SAMPLES
+    count: int = SAMPLES  # number of samples
+    # Samples of a posterior that limits cut off (count x p); None of a Gaussian one.
     drawn: Array | None = None
 
     def values(self, eta: Array) -> dict[str, float]:
@@ -199,21 +185,12 @@ def _bend(value: Array, up: Array, down: Array, linear: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class RootFamily:
-    """Poles of a system, or zeros of a pair, as functions of the parameters.
-
-    Attributes
-    ----------
-    posterior
-        The posterior.
-    at
-        Returns the roots at coordinates (S x p), one a row; None where there are none.
-    reference
-        The roots at the mean, derivatives by the coordinates.
-    """
+    """Poles of a system, or zeros of a pair, as functions of the parameters."""
 
     posterior: GaussianPosterior
+    # Returns the roots at coordinates (S x p), one a row; None where there are none.
     at: Callable[[Array], Sequence[Roots | None]]
-    reference: Roots
+    reference: Roots  # the roots at the mean, derivatives by the coordinates
     _known: dict[bytes, ComplexArray] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -413,18 +390,10 @@ def _halves(band: ConfidenceBand) -> tuple[ConfidenceBand, ConfidenceBand]:
 
 @dataclass(frozen=True, eq=False)
 class DerivedQuantities:
-    """Quantities of one system that follow from a posterior.
-
-    Attributes
-    ----------
-    posterior
-        The posterior.
-    system
-        The system, whose parameters they are.
-    """
+    """Quantities of one system that follow from a posterior."""
 
     posterior: GaussianPosterior
-    system: LinearSystem
+    system: LinearSystem  # the system, whose parameters they are
     _known: dict[bytes, Matrices] = field(default_factory=dict, repr=False)
 
     def _at(self, eta: Array) -> Matrices:

@@ -43,27 +43,13 @@ _AT_REST_REL_TOL, _DEFECTIVE_COSINE = 1e-9, 1e-7
 
 @dataclass(frozen=True, eq=False)
 class ExpectedRecords:
-    """Expected records, at expected values of the parameters.
+    """Expected records, at expected values of the parameters."""
 
-    Attributes
-    ----------
-    likelihood
-        The likelihood of the records.
-    fit
-        The prediction.
-    noise
-        Standard deviation of the noise of each record (channels).
-    place
-        Which values of the parameters are taken: ``true`` or ``start``.
-    assumed
-        True if the noise is nominal, because it is neither known nor given.
-    """
-
-    likelihood: Likelihood
-    fit: Fit
-    noise: list[Array]
-    place: str
-    assumed: bool
+    likelihood: Likelihood  # the likelihood of the records
+    fit: Fit  # the prediction
+    noise: list[Array]  # standard deviation of the noise of each record (channels)
+    place: str  # which values of the parameters are taken: ``true`` or ``start``
+    assumed: bool  # True if the noise is nominal, because it is neither known nor given
 
     @property
     def values(self) -> dict[str, float]:

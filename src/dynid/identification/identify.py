@@ -23,15 +23,15 @@ from dynid.identification.diagnosis.instrument_mistakes import instrument_mistak
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.diagnosis.proportional_noise import growing_residuals
 from dynid.identification.diagnosis.symmetry import distinct_kinds, like_parameters
-from dynid.identification.estimators.auto import Auto, FrfAuto, drawn_starts
+from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Estimator, Sweep
 from dynid.identification.estimators.maximum_likelihood import Huber
+from dynid.identification.estimators.multi_start import drawn_starts
 from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
-from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.problem import Measured, Problem, SharedRecords, identifiable_origin
-from dynid.identification.results.write_rejected import raise_rejected
-from dynid.identification.results.write_result import Further, add_identification
+from dynid.identification.results.write_result import Further, add_identification, raise_rejected
 from dynid.identification.systems.parametric_model import Model, Rebuild, unknowns_of, with_fixed
 from dynid.identification.systems.record_values import true_states
 from dynid.lti.floating import guarded
@@ -76,7 +76,7 @@ def identify(
         Records of time, each with its own loads, channels, sampling, noise and unknown initial state; or
         frequency responses; a modal survey, alone or with either.
     estimator
-        How to estimate; default: `Auto()`, `FrfAuto()`, or with a modal survey `ModalSearch()`.
+        How to estimate; default: `Auto()`.
     truth
         The model that simulated measurements are made with; default: `model`.
     rebuild
@@ -111,7 +111,7 @@ def identify(
     names = [unknown.name for unknown in unknowns_of(model)]
     with guarded(f"the identification of {', '.join(names)}", names=names):
         problem = Problem.of(model, measurements, truth=truth, rebuild=rebuild, common=common)
-        estimator = estimator or _default_estimator(problem.likelihood)
+        estimator = estimator or Auto()
         suggest = into is None or into.wants("identification/diagnostics/warnings")
         posterior, last = posterior_of(problem, estimator, suggest=suggest and problem.survey is None)
         if posterior.rejection is not None:
@@ -133,17 +133,6 @@ def identify(
         if problem.survey is not None:
             _add_modes(result, posterior, problem=problem, needed=needed)
         return result
-
-
-def _default_estimator(likelihood: Likelihood) -> Estimator:
-    """Return the estimator where none is requested."""
-    if isinstance(likelihood, TimeLikelihood):
-        return Auto()
-    if isinstance(likelihood, FrfLikelihood):
-        return FrfAuto()
-    from dynid.identification.estimators.modal_search import ModalSearch  # of modal surveys alone
-
-    return ModalSearch()
 
 
 def _add_modes(

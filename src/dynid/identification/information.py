@@ -30,31 +30,16 @@ _IDENTIFIABLE = 1e-8
 
 
 class Observed(NamedTuple):
-    """Words of messages for what is observed.
+    """Words of messages for what is observed."""
 
-    Attributes
-    ----------
-    noun
-        What it is.
-    nuisances
-        What is unknown besides the parameters.
-    values, more
-        What it has more of where it has more values, and where it determines more.
-    where
-        The remedy of no effect, up to the parameters that act there.
-    less_noise
-        The remedy of an effect below the noise.
-    astray
-        Remedy where estimates run away.
-    """
-
-    noun: str
-    nuisances: str
+    noun: str  # what it is
+    nuisances: str  # what is unknown besides the parameters
+    # `values`, `more`: what it has more of where it has more values, and where it determines more
     values: str
     more: str
-    where: str
-    less_noise: str
-    astray: str
+    where: str  # the remedy of no effect, up to the parameters that act there
+    less_noise: str  # the remedy of an effect below the noise
+    astray: str  # remedy where estimates run away
 
 
 RECORD = Observed(
@@ -200,35 +185,18 @@ def _invariants(names: Sequence[str], relative: Array) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Sensitivities of a record to the parameters' coordinates, free of the initial state.
+    """Sensitivities of a record to the parameters' coordinates, free of the initial state."""
 
-    Attributes
-    ----------
-    names
-        The parameters (p).
-    projected
-        Sensitivities over noise, projected off those to the initial state (values x p).
-    total
-        Norms of the sensitivities before projection (p).
-    signal
-        Norm of the predicted record over noise.
-    freedom
-        Number of measured values beyond those that the initial state takes.
-    values, rates
-        The parameters' values, and their derivatives by their coordinates (p), if messages are to name
-        combinations of them.
-    observed
-        Words for what is observed.
-    """
-
-    names: tuple[str, ...]
-    projected: Array
-    total: Array
-    signal: float
-    freedom: int
+    names: tuple[str, ...]  # the parameters (p)
+    projected: Array  # sensitivities over noise, projected off those to the initial state (values x p)
+    total: Array  # norms of the sensitivities before projection (p)
+    signal: float  # norm of the predicted record over noise
+    freedom: int  # number of measured values beyond those that the initial state takes
+    # `values`, `rates`: the parameters' values, and their derivatives by their coordinates (p), if messages
+    # are to name combinations of them
     values: Array | None = None
     rates: Array | None = None
-    observed: Observed = RECORD
+    observed: Observed = RECORD  # words for what is observed
 
     def with_rows(self, rows: Array) -> Information:
         """Return the information with that of independent observations (count x p) of the parameters."""

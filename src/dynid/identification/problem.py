@@ -50,20 +50,12 @@ Measured: TypeAlias = Experiment | FrfMeasurement | ModalMeasurement
 
 @dataclass(frozen=True, eq=False)
 class SharedRecords:
-    """Noise-free records, models and likelihood shared by identifications that differ in noise alone.
+    """Noise-free records, models and likelihood shared by identifications that differ in noise alone."""
 
-    Attributes
-    ----------
-    clean
-        Of each record the values without noise (times x channels); None of one that is not simulated.
-    models
-        The model of each record; none where models differ.
-    ideal
-        The records without their noise, checked to be identifiable; None where models differ.
-    """
-
+    # Of each record the values without noise (times x channels); None of one that is not simulated.
     clean: Sequence[Array | None]
-    models: Sequence[ParametricModel] = ()
+    models: Sequence[ParametricModel] = ()  # the model of each record; none where models differ
+    # The records without their noise, checked to be identifiable; None where models differ.
     ideal: Likelihood | None = None
 
     @classmethod
@@ -101,33 +93,16 @@ class SharedRecords:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Measurements and the model that is to explain them.
+    """Measurements and the model that is to explain them."""
 
-    Attributes
-    ----------
-    model
-        The model that the estimator begins with.
-    measurements
-        The measurements, a modal survey last.
-    likelihood
-        Their likelihood with that model.
-    truth
-        The model that simulated measurements are made with.
-    rebuild
-        Returns the model for parameters by name: a reduced one whose basis follows them; None where it stays.
-    full
-        The model as it was given; sparse where a modal survey needs that.
-    modes
-        Number of modes of the model that are computed for a modal survey.
-    """
-
-    model: Model
-    measurements: tuple[Measured, ...]
-    likelihood: Likelihood
-    truth: Model
+    model: Model  # the model that the estimator begins with
+    measurements: tuple[Measured, ...]  # the measurements, a modal survey last
+    likelihood: Likelihood  # their likelihood with that model
+    truth: Model  # the model that simulated measurements are made with
+    # Returns the model for parameters by name: a reduced one whose basis follows them; None where it stays.
     rebuild: Rebuild | None
-    full: Model
-    modes: int = 0
+    full: Model  # the model as it was given; sparse where a modal survey needs that
+    modes: int = 0  # number of modes of the model that are computed for a modal survey
 
     @classmethod
     def of(

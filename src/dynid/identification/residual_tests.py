@@ -230,35 +230,24 @@ class NoiseTest(NamedTuple):
 
 
 class ResidualShape(NamedTuple):
-    """Shape of the distribution of one channel's residual.
+    """Shape of the distribution of one channel's residual."""
 
-    Attributes
-    ----------
-    mean, mean_p
-        Mean, and the p-value of its being zero.
-    deviation
-        Robust standard deviation: the median absolute deviation over that of a standard normal one.
-    kurtosis, kurtosis_p
-        Kurtosis (3 for a Gaussian one), and the p-value of tails that are no heavier than Gaussian ones.
-    largest, largest_p, at
-        Largest deviation from the median over the robust standard deviation, the p-value of the largest of
-        so many Gaussian samples, and its place.
-    outliers
-        Places of all samples beyond the extreme-value level, the largest first.
-    share
-        Part of the residual's mean square (about its mean) that these samples make up.
-    """
-
+    # `mean`, `mean_p`: mean, and the p-value of its being zero
     mean: float
     mean_p: float
+    # Robust standard deviation: the median absolute deviation over that of a standard normal one.
     deviation: float
+    # `kurtosis`, `kurtosis_p`: kurtosis (3 for a Gaussian one), and the p-value of tails that are no heavier
+    # than Gaussian ones
     kurtosis: float
     kurtosis_p: float
+    # `largest`, `largest_p`, `at`: largest deviation from the median over the robust standard deviation, the
+    # p-value of the largest of so many Gaussian samples, and its place
     largest: float
     largest_p: float
     at: int
-    outliers: NDArray[np.int_]
-    share: float
+    outliers: NDArray[np.int_]  # places of all samples beyond the extreme-value level, the largest first
+    share: float  # part of the residual's mean square (about its mean) that these samples make up
 
 
 def noise_test(squares: Array, degrees: Array, robust: NDArray[np.bool_]) -> NoiseTest:

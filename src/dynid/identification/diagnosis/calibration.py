@@ -51,56 +51,37 @@ _KNOWN_WORK = 2e8
 
 
 class _CalibrationDerivatives(NamedTuple):
-    """Derivatives of a record by the parameters and by the calibration, over the noise.
+    """Derivatives of a record by the parameters and by the calibration, over the noise."""
 
-    Attributes
-    ----------
-    quantities
-        Gains, delay and considered parameters (q), by name. A gain multiplies a load as the estimator knows
-        it, or the values of a channel; a delay, s, shifts the loads to later times. Quantities of one name
-        are one.
-    changes
-        The change of each that effects are quoted for (q): 1 % of a gain, a sampling step of the delay, the
-        standard deviation of a considered parameter (of its logarithm, if it has one).
-    by_parameter
-        Derivatives of the prediction by the coordinates of the parameters (rows x p), free of the initial
-        state.
-    by_quantity
-        Derivatives of prediction less measurement by the logarithms of gains and by the delay (rows x q),
-        free of the initial state.
-    """
-
+    # Gains, delay and considered parameters (q), by name. A gain multiplies a load as the estimator knows it,
+    # or the values of a channel; a delay, s, shifts the loads to later times. Quantities of one name are one.
     quantities: tuple[str, ...]
+    # The change of each that effects are quoted for (q): 1 % of a gain, a sampling step of the delay, the
+    # standard deviation of a considered parameter (of its logarithm, if it has one).
     changes: Array
+    # Derivatives of the prediction by the coordinates of the parameters (rows x p), free of the initial
+    # state.
     by_parameter: Array
+    # Derivatives of prediction less measurement by the logarithms of gains and by the delay (rows x q), free
+    # of the initial state.
     by_quantity: Array
 
 
 class CalibrationSlopes(NamedTuple):
-    """Slopes of the estimates by gains and delay.
+    """Slopes of the estimates by gains and delay."""
 
-    Attributes
-    ----------
-    parameters
-        Names of the parameters (p).
-    quantities
-        Names of gains, delay, considered parameters, known masses and stiffnesses, and the clock (q).
-    changes
-        The change of each quantity that effects are quoted for (q): 1 % of a gain, of a known mass or
-        stiffness, 1e-4 of the clock, a sampling step of the delay, s (of frequency responses the delay that
-        turns the phase at the highest line by 0.01 rad).
-    slopes
-        Derivatives of the logarithms of the estimates by the logarithms of gains, and by the delay, 1/s
-        (p x q).
-    visibility
-        What a change leaves in the residuals when the estimates have followed it, over the noise (q): the
-        root of the sum of squares.
-    """
-
-    parameters: Sequence[str]
+    parameters: Sequence[str]  # names of the parameters (p)
+    # Names of gains, delay, considered parameters, known masses and stiffnesses, and the clock (q).
     quantities: Sequence[str]
+    # The change of each quantity that effects are quoted for (q): 1 % of a gain, of a known mass or
+    # stiffness, 1e-4 of the clock, a sampling step of the delay, s (of frequency responses the delay that
+    # turns the phase at the highest line by 0.01 rad).
     changes: Array
+    # Derivatives of the logarithms of the estimates by the logarithms of gains, and by the delay, 1/s (p x
+    # q).
     slopes: Array
+    # What a change leaves in the residuals when the estimates have followed it, over the noise (q): the root
+    # of the sum of squares.
     visibility: Array
 
 

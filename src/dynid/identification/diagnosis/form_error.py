@@ -39,24 +39,12 @@ _WIDER_PRIORS = 10.0
 
 @dataclass(frozen=True, eq=False)
 class FormError:
-    """Errors of the form that the residuals need, and the fit with them.
+    """Errors of the form that the residuals need, and the fit with them."""
 
-    Attributes
-    ----------
-    quantities
-        Names of the quantities.
-    error
-        Their errors, relative (quantities), rounded upwards to two digits.
-    p
-        The p-value of the residuals with these errors.
-    priors
-        Parameters whose priors decide: with wider ones the residuals are scatter.
-    """
-
-    quantities: tuple[str, ...]
-    error: Array
-    p: float
-    priors: tuple[str, ...] = ()
+    quantities: tuple[str, ...]  # names of the quantities
+    error: Array  # their errors, relative (quantities), rounded upwards to two digits
+    p: float  # the p-value of the residuals with these errors
+    priors: tuple[str, ...] = ()  # parameters whose priors decide: with wider ones the residuals are scatter
 
     @property
     def statement(self) -> str:

@@ -42,33 +42,22 @@ _RESIDUAL_FLOOR = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class PosteriorCheck:
-    """Comparison of the Gaussian posterior with the one that is not linearised.
+    """Comparison of the Gaussian posterior with the one that is not linearised."""
 
-    Attributes
-    ----------
-    k_hat, effective
-        Shape of the distribution of the largest weights of samples of the Gaussian posterior, and the
-        effective number of these samples.
-    k_used, effective_used
-        The same of the samples that the intervals are from: of Student's t distribution, fitted to the
-        weighted samples, where the Gaussian ones are not enough.
-    mean, low, high
-        Means and 95 % intervals of the parameters (p) by the weights.
-    log_evidence
-        Logarithm of the evidence; None where there is none.
-    no_evidence
-        The reason for that.
-    """
-
+    # `k_hat`, `effective`: shape of the distribution of the largest weights of samples of the Gaussian
+    # posterior, and the effective number of these samples
     k_hat: float
     effective: float
+    # `k_used`, `effective_used`: the same of the samples that the intervals are from: of Student's t
+    # distribution, fitted to the weighted samples, where the Gaussian ones are not enough
     k_used: float
     effective_used: float
+    # `mean`, `low`, `high`: means and 95 % intervals of the parameters (p) by the weights
     mean: Array
     low: Array
     high: Array
-    log_evidence: float | None
-    no_evidence: str
+    log_evidence: float | None  # logarithm of the evidence; None where there is none
+    no_evidence: str  # the reason for that
 
     @property
     def gaussian(self) -> bool:

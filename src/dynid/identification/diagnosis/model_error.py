@@ -33,35 +33,18 @@ _MAX_LINEAR_STEP = 0.5
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
-    """The effect of a reduction on the estimates.
+    """The effect of a reduction on the estimates."""
 
-    Attributes
-    ----------
-    reference
-        Description of the reference model.
-    unknowns
-        The unknown parameters (p).
-    estimate
-        Their estimates with the reduced model (p).
-    coordinates
-        Their coordinates (p).
-    shift
-        Two Gauss–Newton steps of the coordinates from there towards the optimum with the reference (p).
-    noise
-        Standard deviations of the coordinates by the noise (p).
-    response
-        RMS of the difference of the predictions over that of the measured values (channels of all records).
-    omega, reference_omega
-        Natural frequencies of both at the estimate (modes), rad/s.
-    """
-
-    reference: str
-    unknowns: tuple[Parameter, ...]
-    estimate: Array
-    coordinates: Array
+    reference: str  # description of the reference model
+    unknowns: tuple[Parameter, ...]  # the unknown parameters (p)
+    estimate: Array  # their estimates with the reduced model (p)
+    coordinates: Array  # their coordinates (p)
+    # Two Gauss–Newton steps of the coordinates from there towards the optimum with the reference (p).
     shift: Array
-    noise: Array
+    noise: Array  # standard deviations of the coordinates by the noise (p)
+    # RMS of the difference of the predictions over that of the measured values (channels of all records).
     response: Array
+    # `omega`, `reference_omega`: natural frequencies of both at the estimate (modes), rad/s
     omega: Array
     reference_omega: Array
 

@@ -43,21 +43,11 @@ _FAILURES = (DynidError, ArithmeticError, np.linalg.LinAlgError)
 
 
 class GrowingResiduals(NamedTuple):
-    """Residuals that grow with the response.
+    """Residuals that grow with the response."""
 
-    Attributes
-    ----------
-    channels
-        Places of these channels, record by record (record, column).
-    statement
-        What they suggest, in words.
-    explained
-        True if noise in proportion to the response leaves no lack of fit.
-    """
-
-    channels: tuple[tuple[int, int], ...]
-    statement: str
-    explained: bool = False
+    channels: tuple[tuple[int, int], ...]  # places of these channels, record by record (record, column)
+    statement: str  # what they suggest, in words
+    explained: bool = False  # True if noise in proportion to the response leaves no lack of fit
 
 
 def growing_residuals(likelihood: Likelihood, fit: Fit, names: Sequence[str]) -> GrowingResiduals | None:

@@ -1,9 +1,10 @@
-"""The default estimators: a local fit first, a multi-start search only where the residuals reject that.
+"""The default estimator: a local fit first, a multi-start search only where the residuals reject that.
 
-A pass of the filter avoids local optima at which a fit of the whole record from a poor initial guess ends;
-Levenberg–Marquardt then goes on to the maximum of the likelihood, which the filter does not reach exactly.
-Where the residuals of that are not noise, fits to segments of the records are tried from the given start,
-then passes of the filter whose assumed noise is annealed, and then segments from other starts.
+Records of time: a pass of the filter avoids local optima at which a fit of the whole record from a poor
+initial guess ends; Levenberg–Marquardt then goes on to the maximum of the likelihood, which the filter does
+not reach exactly. Where the residuals of that are not noise, fits to segments of the records are tried from
+the given start, then passes of the filter whose assumed noise is annealed, and then segments from other
+starts.
 
 Frequency responses: the misfit of a response has a local minimum wherever a measured and a predicted
 resonance do not overlap; that of the logarithms of magnitudes slopes towards the resonances from afar. So
@@ -12,333 +13,79 @@ and then from others. A large structure is searched with its modes in the band o
 (`band_limited_system`); the last iterations are those of the whole model, and where that does not confirm the
 search, it is repeated with more modes.
 
-One attempt is enough where its residuals are noise and the parameters are well determined. Otherwise further
-starts are drawn: a Latin hypercube in coordinates around the given start, within limits and priors. The best
-ones by the misfit of a likelihood with fewer local optima (`guide`) are tried first; each is improved on such
-likelihoods before the true one. The search ends when several starts end at the best optimum, or when the
-starts are used up; of frequency responses of large models also after a number of evaluations.
+Measured modes, alone or together with either, have few local optima: those where modes are paired wrongly,
+and those at a veering of two frequencies, where shapes change so fast that steps are small. An optimum counts
+where a second search ends there that begins as a compromise: with deviations so large that the values of
+small scatter do not lead. Where the two differ, or the residuals are not scatter, modes that are close are
+first compared by the span of their shapes, which does not veer, and other starts are drawn. Where the
+residuals of the best optimum are not scatter, starts around it have to lead to it again: that verdict depends
+on the optimum, not on the scene's start. Records of time and frequency responses, whose misfit has many local
+optima, start from where the modes lead.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import cycle
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.arrays import Array
-from dynid.defaults import AGREEING_STARTS, MOST_STARTS
 from dynid.errors import DynidError
-from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
+from dynid.identification.estimators.estimate import Estimate, Sweep
 from dynid.identification.estimators.filter_passes import annealed_passes, last, run_passes
-from dynid.identification.estimators.maximum_likelihood import Refined, refine, with_noise
+from dynid.identification.estimators.multi_start import Attempt, Search, SearchStart, drawn_starts, guided
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.likelihood.frf_record import FrfLikelihood
-from dynid.identification.likelihood.lack_of_fit import ModelComparison, compare_models
-from dynid.identification.likelihood.likelihood import Fit, Likelihood
-from dynid.identification.likelihood.priors import Priors
+from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood
-from dynid.identification.residual_tests import is_explained
 from dynid.identification.systems.band_limited_system import BAND_FACTOR
-from dynid.lti.floating import guarded
-from dynid.parameters import logarithmic
-from dynid.progress import report_progress, tracked
 
-# Rounds of starts: how many are drawn, how far from the given start (a factor), and how many are tried.
-_ROUNDS = ((256, 20.0, 1 / 3), (512, 100.0, 1 / 3), (1024, 300.0, 1 / 3))
-# A round before these where not all unknowns are the stiffness and damping of joints: masses and stiffnesses
-# of a structure are known better than those, and far from them most starts end nowhere.
-_NEAR = (256, 4.0, 1 / 3)
-# A prior bounds what is drawn to so many of its deviations.
-_PRIOR = 4.0
-# Most steps on a guide, of which only the neighbourhood of the optimum is needed.
-_MAX_GUIDE_STEPS = 15
-# Most steps of an attempt, and further ones where it is the best so far and has not converged.
-_ATTEMPT_STEPS, _FURTHER_STEPS = 50, 200
-# Part of the evaluations that are left which ranking starts may take, and fewest starts of a round.
-_RANKING, _MIN_STARTS_OF_ROUND = 0.5, 8
-# Two ends are one optimum if the coordinates agree to this, or the misfits to this.
-_SAME_COORDINATES, _SAME_MISFIT = 0.02, 0.02
-# Misfits that differ by less are equal to round-off: of equal ends the first is the best.
-_TIED_MISFIT = 1e-6
-# Residuals below this part of a channel's RMS are accepted whatever their colour …
-_EXACT_RESIDUAL = 1e-6
-# … and others if their whiteness has this p-value or more, and the model no lack of fit.
-_WHITENESS_LEVEL = 1e-4
-# Part of the mean square of the records that residuals may be where their noise is coloured or proportional.
-_COLOURED_SQUARE_RATIO = 0.25
-# A parameter is vague beyond this standard error of its coordinate: other optima may be as white. To look for
-# them, starts are drawn, besides those so many standard errors away (of at most so much).
-_VAGUE_DEVIATION, _AWAY_DEVIATIONS, _MAX_AWAY_UNITS = 0.05, 3.0, 2.0
-# Beyond this one the parameter is not identifiable, whatever the start.
-_BLIND_DEVIATION = 10.0
-# A search with the modes of a band is confirmed by an estimate of the whole model that differs by less than
-# this part of its standard errors.
-_CONFIRMED_DEVIATIONS = 0.1
-# Lengths of segments that are fitted one after the other, as fractions 1/n of a record; starts are chosen by
-# the shortest. No route is the best for all records: short segments have fewer local optima, but are less
-# sensitive.
+if TYPE_CHECKING:
+    from dynid.identification.likelihood.modal_record import ModalRecord
+
+# Records of time: lengths of segments that are fitted one after the other, as fractions 1/n of a record;
+# starts are chosen by the shortest. No route is the best for all records: short segments have fewer local
+# optima, but are less sensitive.
 _ROUTES = ((64, 16, 4), (16,), (64, 16, 4), (32, 4), ())
-# Starts that confirm an accepted optimum: one by each route.
-_CONFIRMING = len(_ROUTES)
-
-
-SearchStart: TypeAlias = tuple[Array, list[Sweep]]
-"""Start of an attempt: coordinates (p), and the sweeps before it."""
-
-
-class _Attempt(NamedTuple):
-    """A completed attempt: its `stage`, its `fit`, the `sweeps` before it.
-
-    `drawn`: not from the given start; `accepted`: its residuals are noise, or round-off; `comparison`: of
-    the model with others, if that was needed. `likelihood`: that of the noise at the end.
-    """
-
-    likelihood: Likelihood
-    stage: EstimationStage
-    fit: Fit
-    sweeps: list[Sweep]
-    drawn: bool
-    accepted: bool
-    comparison: ModelComparison | None
-
-
-class Search:
-    """A multi-start search for the greatest likelihood: the attempts so far.
-
-    Parameters
-    ----------
-    likelihood
-        The records and the model.
-    accept_small
-        True: residuals that are small are accepted whatever their colour.
-    agreeing
-        Number of starts that are to end at the best optimum.
-    """
-
-    def __init__(
-        self, likelihood: Likelihood, *, accept_small: bool = False, agreeing: int = AGREEING_STARTS.value
-    ) -> None:
-        self.accept_small = accept_small
-        self.enough = agreeing
-        self.likelihood = likelihood
-        self.tried: list[_Attempt] = []
-        self.failure: DynidError | None = None
-        self.drawn = 0
-        self.before = likelihood.evaluations
-        self.cut_off = False
-        self.confirmed: bool | None = None  # by starts around the best optimum; None: not tried
-
-    def attempt(self, name: str, begun: Callable[[], SearchStart], *, drawn: bool = False) -> None:
-        """Begin, and go from there to the nearest optimum."""
-        report_progress(name)
-        self.drawn += drawn
-        try:
-            with guarded("the prediction", names=self.likelihood.names):
-                eta, sweeps = begun()
-                fit, steps = refine(self.likelihood, eta, _ATTEMPT_STEPS)
-                best = min((tried.stage.misfit for tried in self.tried), default=np.inf)
-                if steps == _ATTEMPT_STEPS and self.likelihood.misfit(fit) < best:
-                    # Further steps, as in a narrow valley, are for the best attempt alone.
-                    max_steps = int(min(_FURTHER_STEPS, max(1, self.left)))
-                    fit, further = refine(self.likelihood, fit.eta, max_steps)
-                    steps += further
-                likelihood, (fit, steps) = with_noise(self.likelihood, Refined(fit, steps))
-        except DynidError as error:  # from a poor start an attempt may diverge, from another one not
-            self.failure = self.failure or error
-            return
-        stage = EstimationStage.at(name, likelihood, fit, steps)
-        judged = self._judged(likelihood, stage, fit)
-        self.tried.append(_Attempt(likelihood, stage, fit, sweeps, drawn, *judged))
-
-    def _judged(
-        self, likelihood: Likelihood, stage: EstimationStage, fit: Fit
-    ) -> tuple[bool, ModelComparison | None]:
-        """Return True if residuals are accepted, and the comparison of models if that was needed."""
-        ratio, whiteness_p = stage.residual_ratio, likelihood.whiteness(fit)
-        # Nothing is explained, in few values or in many; a noise model whitens the residuals of a wrong
-        # optimum, too, which are about as large as the signal.
-        if np.mean(ratio**2) >= (_COLOURED_SQUARE_RATIO if likelihood.modelled else 1):
-            return False, None
-        if self.accept_small and is_explained(ratio, whiteness_p):
-            return True, None
-        if np.all(ratio <= _EXACT_RESIDUAL) or whiteness_p < _WHITENESS_LEVEL:
-            return bool(np.all(ratio <= _EXACT_RESIDUAL)), None
-        compared = compare_models(likelihood, fit, whiteness_p)
-        return not compared.lacks_fit, compared
-
-    def draw(self, guide: Likelihood, routes: Sequence[Sequence[Likelihood]], origin: Array) -> None:
-        """Try other starts, the most promising first, until enough of them agree or all are used up.
-
-        Parameters
-        ----------
-        guide
-            The likelihood by whose misfit the starts of routes are ranked.
-        routes
-            Sequences of likelihoods that are maximised one after the other; starts take the routes in turn.
-            An empty one begins with the true likelihood, whose own misfit ranks its starts.
-        origin
-            Coordinates around which starts are drawn (p).
-        """
-        turn = cycle(routes)
-        affine = self.likelihood.records[0].system_model.affine is not None
-        for seed, (max_count, reach, fraction) in enumerate(_ROUNDS if affine else (_NEAR, *_ROUNDS)):
-            count = int(min(max_count, _RANKING * self.left))
-            if count < _MIN_STARTS_OF_ROUND:
-                self.cut_off = True
-                return
-            starts = drawn_starts(self.likelihood.priors, origin, count, reach, seed)
-            ranked: dict[bool, Iterator[int]] = {}
-            used: set[int] = set()
-            for number in range(1, min(count, round(fraction * MOST_STARTS.value)) + 1):
-                if self.left <= 0:
-                    self.cut_off = True
-                    return
-                route = next(turn)
-                is_guided = bool(route)
-                if is_guided not in ranked:
-                    chooser = guide if is_guided else self.likelihood
-                    misfits = [_misfit_at(chooser, eta) for eta in tracked(starts, "start")]
-                    ranked[is_guided] = iter(np.argsort(misfits, kind="stable").tolist())
-                chosen = next(k for k in ranked[is_guided] if k not in used)
-                used.add(chosen)
-                self.attempt(f"start {number} of {count}", partial(guided, route, starts[chosen]), drawn=True)
-                if self.ended:
-                    return
-
-    def look_around(self) -> None:
-        """Try starts on both sides of the best optimum, in the direction that is determined least."""
-        for side in (1.0, -1.0, 1.0, -1.0):
-            fit = self.best_tried.fit
-            units = self._units(fit.eta)
-            information = self.best_tried.likelihood.information(fit, fit.noise)
-            U, s, _ = np.linalg.svd(information.root / units[:, None])
-            away = side * units * U[:, 0] * min(_AWAY_DEVIATIONS * s[0], _MAX_AWAY_UNITS)
-            eta = self.likelihood.priors.clipped(fit.eta + away)
-            self.attempt("a start nearby", partial(guided, (), eta), drawn=False)
-
-    @property
-    def left(self) -> float:
-        """Number of evaluations that are left."""
-        return self.likelihood.most_evaluations - (self.likelihood.evaluations - self.before)
-
-    @property
-    def best_tried(self) -> _Attempt:
-        """The attempt of the greatest likelihood, the first of several that end there."""
-        min_misfit = min(tried.stage.misfit for tried in self.tried)
-        return next(tried for tried in self.tried if tried.stage.misfit <= min_misfit + _TIED_MISFIT)
-
-    @property
-    def accepted(self) -> bool:
-        """True if the residuals of the best attempt are noise, or zero."""
-        return bool(self.tried) and self.best_tried.accepted
-
-    @property
-    def vague(self) -> bool:
-        """True if parameters are so uncertain that another optimum may leave residuals as white."""
-        fit = self.best_tried.fit
-        deviations = self.best_tried.likelihood.information(fit, fit.noise).deviations()
-        return bool(_VAGUE_DEVIATION < (deviations / self._units(fit.eta)).max() < _BLIND_DEVIATION)
-
-    def _units(self, eta: Array) -> Array:
-        """Return what coordinates are compared with (p): 1, or of linear ones the unit or the value."""
-        units = self.likelihood.priors.units
-        return np.where(logarithmic(self.likelihood.unknowns), 1.0, np.maximum(np.abs(eta), units))
-
-    @property
-    def agreeing(self) -> int:
-        """Number of starts that ended at the best optimum; all attempts from the given one count as one."""
-        best = self.best_tried.stage
-        there = [tried.drawn for tried in self.tried if self.is_same(best, tried.stage)]
-        return sum(there) + (not all(there))
-
-    def is_same(self, best: EstimationStage, stage: EstimationStage) -> bool:
-        """Return True if two attempts ended at one optimum."""
-        near = np.all(np.abs(best.eta - stage.eta) <= _SAME_COORDINATES * self._units(best.eta))
-        return bool(near) or abs(best.misfit - stage.misfit) <= _SAME_MISFIT
-
-    @property
-    def agreed(self) -> bool:
-        """True if enough starts ended at the best optimum, and at least half of all."""
-        if not self.tried:
-            return False
-        return self.agreeing >= self.enough and 2 * self.agreeing >= self.drawn + 1
-
-    @property
-    def ended(self) -> bool:
-        """True if further starts are of no use.
-
-        An accepted optimum needs no confirmation if the first attempt ended there and it is well known.
-        """
-        if self.accepted:
-            return self.drawn >= _CONFIRMING or (self.tried[0].accepted and not self.vague)
-        return self.agreed
-
-    def best(self) -> Estimate:
-        """Return the attempt of the greatest likelihood."""
-        if not self.tried:
-            assert self.failure is not None
-            raise self.failure
-        best = self.best_tried
-        return Estimate(
-            best.fit,
-            best.sweeps,
-            [tried.stage for tried in self.tried],
-            {"starts": self.drawn + 1, "starts_agreed": self.agreeing},
-            likelihood=best.likelihood if self.likelihood.modelled else None,
-            disputed=not (best.accepted or (self.agreed if self.confirmed is None else self.confirmed)),
-            cut_off=self.likelihood.evaluations - self.before if self.cut_off else 0,
-            comparison=best.comparison,
-        )
-
-
-def guided(route: Sequence[Likelihood], eta: Array) -> SearchStart:
-    """Begin at the end of a few steps on each likelihood of a route."""
-    for guide in route:
-        eta = refine(guide, eta, _MAX_GUIDE_STEPS).fit.eta
-    return eta, []
-
-
-def drawn_starts(priors: Priors, origin: Array, count: int, reach: float, seed: int) -> Array:
-    """Return a Latin hypercube of coordinates around an origin, within limits and priors (count x p).
-
-    M. D. McKay, R. J. Beckman, W. J. Conover, Technometrics 21 (1979) 239–245.
-    """
-    rng = np.random.Generator(np.random.PCG64(seed))
-    strata = rng.permuted(np.tile(np.arange(count), (len(origin), 1)), axis=1).T
-    centre = np.where(priors.has_prior, priors.means, origin)
-    spread = np.fmin(np.log(reach) * priors.units, _PRIOR * priors.deviations)
-    low, high = np.maximum(centre - spread, priors.low), np.minimum(centre + spread, priors.high)
-    places = (strata + rng.random(strata.shape)) / count
-    return priors.clipped(low + (high - low) * places)
-
-
-def _misfit_at(guide: Likelihood, eta: Array) -> float:
-    """Return the misfit at coordinates (p), infinite where the prediction leaves the range of numbers."""
-    try:
-        with guarded("the prediction"):
-            return guide.misfit_at(eta)
-    except DynidError:
-        return np.inf
+# Responses: a search with the modes of a band is confirmed by an estimate of the whole model that differs by
+# less than this part of its standard errors.
+_CONFIRMED_DEVIATIONS = 0.1
+# Modes: frequencies nearer than this part have one span, on the way to an optimum.
+_SPAN_RTOL = 0.15
+# Least deviation of a compromise, relative: that of a poor initial guess rather than that of the scatter.
+_COMPROMISE = 0.1
+# Attempts from the given start: as it is, by a compromise, by spans of close modes.
+_FROM_START = 3
+# Starts around the given one: how many are drawn, and how far from it (a factor).
+_AROUND_START = (8, 3.0)
+# Starts around the best optimum: how many are drawn, and how far from it (a factor); how many optima, each
+# better than the one before, are tried.
+_AROUND_OPTIMUM, _MAX_OPTIMA = (16, 10.0), 3
+# How many searches are to end at the best optimum where the residuals are not scatter, and where they are.
+# With records of time or responses, whose evaluations are dearer, one round is drawn, and fewer are to agree.
+_AGREEING, _CONFIRMED_SEARCHES, _AGREEING_RECORDS = 8, 2, 3
 
 
 @dataclass(frozen=True)
 class Auto:
-    """Estimator of records of time: a filter pass and maximum likelihood; other starts where needed.
+    """Estimator: maximum likelihood by a search that suits the kind of the records.
 
     Parameters
     ----------
     multi_start
-        True: more than the first attempt may be made.
+        True: more than the attempts from the given start may be made.
+    accept_small
+        True: residuals of frequency responses that are small are accepted whatever their colour.
     """
 
     multi_start: bool = True
+    accept_small: bool = False
     name: str = "auto"
 
-    def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
+    def run(self, likelihood: Likelihood, origin: Array) -> Estimate:
         """Estimate, from the coordinates `origin` (p).
 
         Raises
@@ -346,6 +93,14 @@ class Auto:
         DynidError
             The first error, if no attempt was completed.
         """
+        if isinstance(likelihood, TimeLikelihood):
+            return self._of_records(likelihood, origin)
+        if isinstance(likelihood, FrfLikelihood):
+            return self._of_responses(likelihood, origin)
+        return self._of_modes(likelihood, origin)
+
+    def _of_records(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
+        """Estimate from records of time: a filter pass; segments, annealed passes and starts where needed."""
         search = Search(likelihood)
         search.attempt("a filter pass", partial(_filtered, partial(run_passes, passes=1), likelihood, origin))
         if not self.multi_start and not search.accepted:
@@ -364,6 +119,64 @@ class Auto:
             search.draw(guides[_ROUTES[0][0]], routes, origin)
         return search.best()
 
+    def _of_responses(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:
+        """Estimate from frequency responses: in the band of the lines, confirmed by the whole model."""
+        band = BAND_FACTOR
+        while (limited := likelihood.band_limited(band)) is not None:
+            try:
+                estimate = self._searched(limited, origin)
+            except DynidError:  # the whole model says more exactly what is wrong
+                break
+            weighted = estimate.likelihood
+            end = likelihood if weighted is None else likelihood.with_weights_of(weighted)
+            full_search = Search(end, accept_small=self.accept_small)
+            full_search.attempt("the whole model", partial(guided, (), estimate.fit.eta))
+            if full_search.tried and (full_search.accepted or _agree(estimate, full_search.tried[0])):
+                return _completed(estimate, full_search.tried[0], likelihood)
+            band *= 2  # more modes, until the whole model confirms the search
+        return self._searched(likelihood, origin)
+
+    def _searched(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:
+        """Estimate in one model: magnitudes and other starts where needed."""
+        search, magnitudes = Search(likelihood, accept_small=self.accept_small), likelihood.by_magnitude()
+        search.attempt("the start", lambda: (origin, []))
+        if not search.accepted:
+            search.attempt("magnitudes", partial(guided, [magnitudes], origin))
+        if self.multi_start and not search.accepted:
+            search.draw(magnitudes, [[magnitudes]], origin)
+        return search.best()
+
+    def _of_modes(self, likelihood: Likelihood, origin: Array) -> Estimate:
+        """Estimate from measured modes and what is beside them: spans of close modes, starts where needed."""
+        from dynid.identification.likelihood.modal_record import ModalRecord  # of modal surveys alone
+
+        surveys = tuple(record for record in likelihood.records if isinstance(record, ModalRecord))
+        alone = len(surveys) == len(likelihood.records)
+        surveys = tuple(record.with_error(np.maximum(record.error, _COMPROMISE)) for record in surveys)
+        modes = _guide(surveys, origin)
+        spans = _guide(tuple(replace(record, close=_SPAN_RTOL) for record in surveys), origin)
+        route: list[Likelihood] = [] if alone else [modes]
+        search = Search(likelihood, agreeing=_AGREEING if alone else _AGREEING_RECORDS)
+        search.attempt("the start", partial(guided, route, origin))
+        if not self.multi_start or (not alone and search.accepted and not search.vague):
+            return search.best()
+        if alone:
+            search.attempt("a compromise", partial(guided, [modes], origin), drawn=True)
+            if _is_confirmed(search) and not search.vague:
+                return search.best()
+        routes: list[list[Likelihood]] = [[modes], [spans] if alone else [spans, modes]]
+        search.attempt("spans of close modes", partial(guided, routes[1], origin), drawn=alone)
+        count, reach = _AROUND_START
+        for number, start in enumerate(drawn_starts(likelihood.priors, origin, count, reach, 0), 1):
+            alike = _is_confirmed(search) or (bool(search.tried) and search.agreeing >= _FROM_START)
+            if search.agreed or (alike if alone else search.accepted):
+                break
+            begin = partial(guided, routes[number % 2], start)
+            search.attempt(f"start {number} of {count}", begin, drawn=True)
+        if alone and search.tried and not _is_confirmed(search):
+            _confirm(search, routes)
+        return search.best()
+
 
 def _filtered(
     passes: Callable[[TimeLikelihood, Array], list[Sweep]], likelihood: TimeLikelihood, eta: Array
@@ -373,64 +186,13 @@ def _filtered(
     return last(likelihood, sweeps), sweeps
 
 
-@dataclass(frozen=True)
-class FrfAuto:
-    """Estimator of frequency responses: maximum likelihood; magnitudes and other starts where needed.
-
-    Parameters
-    ----------
-    accept_small
-        True: residuals that are small are accepted whatever their colour.
-    multi_start
-        True: other starts than the given one may be tried.
-    """
-
-    accept_small: bool = False
-    multi_start: bool = True
-    name: str = "auto"
-
-    def run(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:
-        """Estimate, from the coordinates `origin` (p).
-
-        Raises
-        ------
-        DynidError
-            The first error, if no attempt was completed.
-        """
-        band = BAND_FACTOR
-        while (limited := likelihood.band_limited(band)) is not None:
-            try:
-                estimate = self._searched(limited, origin).best()
-            except DynidError:  # the whole model says more exactly what is wrong
-                break
-            end = (
-                likelihood if estimate.likelihood is None else likelihood.with_weights_of(estimate.likelihood)
-            )
-            full_search = Search(end, accept_small=self.accept_small)
-            full_search.attempt("the whole model", partial(guided, (), estimate.fit.eta))
-            if full_search.tried and (full_search.accepted or self._agree(estimate, full_search.tried[0])):
-                return _completed(estimate, full_search.tried[0], likelihood)
-            band *= 2  # more modes, until the whole model confirms the search
-        return self._searched(likelihood, origin).best()
-
-    def _searched(self, likelihood: FrfLikelihood, origin: Array) -> Search:
-        """Return a completed search, in one model."""
-        search, magnitudes = Search(likelihood, accept_small=self.accept_small), likelihood.by_magnitude()
-        search.attempt("the start", lambda: (origin, []))
-        if not search.accepted:
-            search.attempt("magnitudes", partial(guided, [magnitudes], origin))
-        if self.multi_start and not search.accepted:
-            search.draw(magnitudes, [[magnitudes]], origin)
-        return search
-
-    @staticmethod
-    def _agree(estimate: Estimate, full: _Attempt) -> bool:
-        """Return True if an estimate is that of the whole model, to a fraction of its standard errors."""
-        deviations = full.likelihood.information(full.fit, full.fit.noise).deviations()
-        return bool(np.all(np.abs(full.fit.eta - estimate.fit.eta) <= _CONFIRMED_DEVIATIONS * deviations))
+def _agree(estimate: Estimate, full: Attempt) -> bool:
+    """Return True if an estimate is that of the whole model, to a fraction of its standard errors."""
+    deviations = full.likelihood.information(full.fit, full.fit.noise).deviations()
+    return bool(np.all(np.abs(full.fit.eta - estimate.fit.eta) <= _CONFIRMED_DEVIATIONS * deviations))
 
 
-def _completed(estimate: Estimate, full: _Attempt, likelihood: FrfLikelihood) -> Estimate:
+def _completed(estimate: Estimate, full: Attempt, likelihood: FrfLikelihood) -> Estimate:
     """Return an estimate whose last iterations are those of the whole model."""
     stages = [
         replace(full.stage, name=stage.name, iterations=stage.iterations + full.stage.iterations)
@@ -447,3 +209,39 @@ def _completed(estimate: Estimate, full: _Attempt, likelihood: FrfLikelihood) ->
         cut_off=0 if full.accepted else estimate.cut_off,
         comparison=full.comparison,
     )
+
+
+def _guide(records: Sequence[ModalRecord], origin: Array) -> Likelihood:
+    """Return the likelihood of modes alone; what they do not determine stays near `origin` (p)."""
+    likelihood = Likelihood(tuple(records))
+    priors, spread = likelihood.priors, [unknown.first_spread for unknown in likelihood.unknowns]
+    means = np.where(priors.has_prior, priors.means, origin)
+    deviations = np.where(priors.has_prior, priors.deviations, spread)
+    return replace(likelihood, stated_priors=replace(priors, means=means, deviations=deviations))
+
+
+def _is_confirmed(search: Search) -> bool:
+    """Return True if the residuals of the best optimum are scatter, and searches have ended there twice."""
+    return search.accepted and search.agreeing >= _CONFIRMED_SEARCHES
+
+
+def _confirm(search: Search, routes: list[list[Likelihood]]) -> None:
+    """Search from starts around the best optimum until enough of them, and half of all, end there."""
+    count, reach = _AROUND_OPTIMUM
+    search.confirmed = False
+    for _ in range(_MAX_OPTIMA):
+        best, agreeing = search.best_tried.stage, 0
+        starts = drawn_starts(search.likelihood.priors, best.eta, count, reach, 1)
+        for number, start in enumerate(starts, 1):
+            begun, tried = partial(guided, routes[number % 2], start), len(search.tried)
+            search.attempt(f"start {number} of {count} around the optimum", begun, drawn=True)
+            agreeing += sum(search.is_same(best, attempt.stage) for attempt in search.tried[tried:])
+            if _is_confirmed(search) or not search.is_same(best, search.best_tried.stage):
+                break
+            if agreeing >= search.enough and 2 * agreeing >= number:
+                search.confirmed = True
+                return
+        else:
+            return
+        if _is_confirmed(search):
+            return

@@ -17,27 +17,14 @@ Sweep: TypeAlias = Sequence[Pass]
 
 @dataclass(frozen=True, eq=False)
 class EstimationStage:
-    """The end of one attempt of an estimator, without arrays that are as long as the records.
+    """The end of one attempt of an estimator, without arrays that are as long as the records."""
 
-    Attributes
-    ----------
-    name
-        Name of the attempt.
-    eta
-        The coordinates that it ended with (p).
-    residual_ratio
-        RMS of the residuals there over that of the measured values (channels of all records).
-    misfit
-        Minus the logarithm of the likelihood there, up to a constant.
-    iterations
-        Steps of a search.
-    """
-
-    name: str
-    eta: Array
+    name: str  # name of the attempt
+    eta: Array  # the coordinates that it ended with (p)
+    # RMS of the residuals there over that of the measured values (channels of all records).
     residual_ratio: Array
-    misfit: float
-    iterations: int
+    misfit: float  # minus the logarithm of the likelihood there, up to a constant
+    iterations: int  # steps of a search
 
     @classmethod
     def at(cls, name: str, likelihood: Likelihood, fit: Fit, iterations: int = 0) -> Self:
@@ -47,35 +34,21 @@ class EstimationStage:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """The estimate that an estimator returns, with its history.
+    """The estimate that an estimator returns, with its history."""
 
-    Attributes
-    ----------
-    fit
-        The estimate.
-    histories
-        The sweeps over the records, in order; none where the estimator takes each record as a whole.
-    stages
-        The attempts, in order.
-    counts
-        Numbers of starts, equations and the like, by name.
-    likelihood
-        The likelihood that `fit` maximises, where it is not the given one: that of a robust loss.
-    disputed
-        True: starts ended at different optima, none of which leaves white residuals; this one may be local.
-    cut_off
-        The number of evaluations after which a search was cut off; 0 of one that ended by itself.
-    comparison
-        Comparison of the model at `fit` with others, if it was made already.
-    """
-
-    fit: Fit
+    fit: Fit  # the estimate
+    # The sweeps over the records, in order; none where the estimator takes each record as a whole.
     histories: Sequence[Sweep]
-    stages: Sequence[EstimationStage]
+    stages: Sequence[EstimationStage]  # the attempts, in order
+    # Numbers of starts, equations and the like, by name.
     counts: Mapping[str, int] = field(default_factory=dict)
+    # The likelihood that `fit` maximises, where it is not the given one: that of a robust loss.
     likelihood: Likelihood | None = None
+    # True: starts ended at different optima, none of which leaves white residuals; this one may be local.
     disputed: bool = False
+    # The number of evaluations after which a search was cut off; 0 of one that ended by itself.
     cut_off: int = 0
+    # Comparison of the model at `fit` with others, if it was made already.
     comparison: ModelComparison | None = None
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array
-from dynid.identification.information import Information, information
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
@@ -28,7 +27,6 @@ from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.prediction import Trajectory, free_prediction, prediction
 from dynid.lti.floating import finite
 from dynid.lti.recurrence import recurrence
-from dynid.parameters import Parameter
 
 # The prior of the initial states of segments has this part of the information of one value of RMS size:
 # states that are not observable in a segment stay those of the forced response.
@@ -39,18 +37,10 @@ _MIN_VALUES_PER_STATE = 2
 
 @dataclass(frozen=True, eq=False)
 class _Segments(RecordLikelihood):
-    """A record in segments of one length, channels counting by their RMS.
+    """A record in segments of one length, channels counting by their RMS."""
 
-    Attributes
-    ----------
-    record
-        The record as a whole.
-    length
-        Samples of a segment.
-    """
-
-    record: TimeRecord
-    length: int
+    record: TimeRecord  # the record as a whole
+    length: int  # samples of a segment
     sharing: int = 1
 
     @cached_property
@@ -58,11 +48,6 @@ class _Segments(RecordLikelihood):
         """All values over their channel's RMS, as one channel whose noise is given."""
         record = self.record.data
         return RecordData((record.values / record.rms).reshape(-1, 1), given=np.ones(1))
-
-    @property
-    def unknowns(self) -> tuple[Parameter, ...]:
-        """The unknown parameters (p)."""
-        return self.record.unknowns
 
     @property
     def system_model(self) -> LinearSystem:
@@ -122,12 +107,6 @@ class _Segments(RecordLikelihood):
     def on(self, data: RecordData) -> Self:
         """Return the same segments of other values."""
         return replace(self, record=self.record.on(data))
-
-    def information(self, fit: RecordFit, noise: Array) -> Information:
-        """Return the information on the parameters of a fit, for a noise of this part of the RMS."""
-        names = tuple(unknown.name for unknown in self.unknowns)
-        slopes = self.slopes(fit, noise)
-        return information(names, slopes, np.zeros((len(slopes), 0)), 1.0, int(self.data.counts[0]))
 
     @cached_property
     def _present(self) -> NDArray[np.bool_]:

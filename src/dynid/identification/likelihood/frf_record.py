@@ -31,9 +31,8 @@ from dynid.identification.systems.band_limited_system import band_limited
 from dynid.identification.systems.frf_system import FrfSystem, check_cost
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model
-from dynid.identification.systems.prediction import Trajectory
 from dynid.number_format import frequency_text
-from dynid.parameters import Parameter, named
+from dynid.parameters import named
 
 # Fewest evaluations that a search may take.
 _MIN_FRF_EVALUATIONS = 64
@@ -41,24 +40,14 @@ _MIN_FRF_EVALUATIONS = 64
 
 @dataclass(frozen=True, eq=False)
 class FrfRecord(RecordLikelihood):
-    """Likelihood of measured frequency response functions with a structure.
+    """Likelihood of measured frequency response functions with a structure."""
 
-    Attributes
-    ----------
-    system
-        The model with the responses' channels and forces.
-    measurement
-        Lines and channels.
-    data
-        The measured values over the noise's profile, real parts above imaginary ones (2 L x channels).
-    magnitudes
-        True if only the logarithms of the magnitudes are compared (L x channels): less precise, but with far
-        fewer local minima.
-    """
-
-    system: FrfSystem
-    measurement: FrfMeasurement
+    system: FrfSystem  # the model with the responses' channels and forces
+    measurement: FrfMeasurement  # lines and channels
+    # The measured values over the noise's profile, real parts above imaginary ones (2 L x channels).
     data: RecordData
+    # True if only the logarithms of the magnitudes are compared (L x channels): less precise, but with far
+    # fewer local minima.
     magnitudes: bool = False
     sharing: int = 1
 
@@ -154,36 +143,13 @@ class FrfRecord(RecordLikelihood):
         return float(np.sum(np.log(deviations[~np.isnan(self.data.values)])))
 
     @property
-    def unknowns(self) -> tuple[Parameter, ...]:
-        """The unknown parameters (p)."""
-        return self.system.system.unknowns
-
-    @property
     def system_model(self) -> LinearSystem:
         """The model with the responses' channels and forces."""
         return self.system.system
 
-    @property
-    def considered(self) -> tuple[Parameter, ...]:
-        """Parameters that are known with uncertainty."""
-        return self.system.considered
-
-    @property
-    def nuisances(self) -> int:
-        """0: a frequency response does not depend on an initial state."""
-        return 0
-
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
         """Predict the responses at coordinates of the parameters and compare them with `values`."""
-        outputs, by_parameter = self._compared(eta)
-        none = np.zeros((len(outputs), 0))
-        residual = values - outputs
-        predicted = Trajectory(outputs, none)
-        counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
-        level = self.noise_in(counts, size)
-        return RecordFit(
-            eta, predicted, residual, counts, size, level, by_parameter=by_parameter, measured=values
-        )
+        return self._fit_at(eta, *self._compared(eta), values)
 
     def residual_rms_at(self, eta: Array) -> Array:
         """Return the RMS of the residuals at these coordinates (channels)."""
@@ -206,7 +172,10 @@ class FrfRecord(RecordLikelihood):
         """Return the channels, in units of their RMS, in directions of their saturated models."""
         assert fit.by_parameter is not None
         assert fit.measured is not None
-        poles, omega = self._poles(fit.eta), self.measurement.omega
+        system, omega = self.system.system, self.measurement.omega
+        poles = np.empty(0, dtype=complex)
+        if len(system.states) <= 2 * DENSE_STRUCTURES.value:  # of a larger one they take too long
+            poles = system.poles(named(self.unknowns, fit.eta))
         coordinates = []
         for c, rms in enumerate(self.data.rms):
             there, count = ~np.isnan(fit.residual[:, c]), int(self.data.counts[c])
@@ -222,13 +191,6 @@ class FrfRecord(RecordLikelihood):
             columns = ChannelColumns(outputs, measured, residual, none, by_parameter, none, before)
             coordinates.append(saturated_coordinates(shared.where(there), columns, count))
         return coordinates
-
-    def _poles(self, eta: Array) -> ComplexArray:
-        """Return the poles at these coordinates, 1/s; none of a model too large for that."""
-        system = self.system.system
-        if len(system.states) > 2 * DENSE_STRUCTURES.value:
-            return np.empty(0, dtype=complex)
-        return system.poles(named(self.unknowns, eta))
 
     def series(self, residual: Array) -> Array:
         """Return the residuals line after line, real and imaginary parts side by side."""

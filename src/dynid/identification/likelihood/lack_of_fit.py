@@ -52,32 +52,19 @@ _BASIS_RANK_TOL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison:
-    """Three models of all records compared.
+    """Three models of all records compared."""
 
-    Attributes
-    ----------
-    records
-        The channels of each record in directions of their saturated models, in units of their RMS.
-    given
-        The noise that is given (channels of each record), in the same units, NaN where none is.
-    prior
-        Deviations of the priors of the unknowns (p), NaN where there are none.
-    free
-        Mask of unknowns that no bound fixes (p).
-    whiteness_p
-        The p-value of the whiteness of the residuals.
-    tables
-        Residuals of records whose scatter is given; these have no channels in `records`.
-    prior_squares, prior_degrees
-        Sum of squares of the priors' residuals over their deviations, and its degrees of freedom.
-    """
-
+    # The channels of each record in directions of their saturated models, in units of their RMS.
     records: Sequence[Sequence[SaturatedCoordinates]]
+    # The noise that is given (channels of each record), in the same units, NaN where none is.
     given: Sequence[Array]
-    prior: Array
-    free: NDArray[np.bool_]
-    whiteness_p: float = 1.0
+    prior: Array  # deviations of the priors of the unknowns (p), NaN where there are none
+    free: NDArray[np.bool_]  # mask of unknowns that no bound fixes (p)
+    whiteness_p: float = 1.0  # the p-value of the whiteness of the residuals
+    # Residuals of records whose scatter is given; these have no channels in `records`.
     tables: Sequence[ScatterTest] = ()
+    # `prior_squares`, `prior_degrees`: sum of squares of the priors' residuals over their deviations, and its
+    # degrees of freedom
     prior_squares: float = 0.0
     prior_degrees: float = 0.0
 

@@ -14,7 +14,6 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.identification.information import Information, joint_information
@@ -29,15 +28,7 @@ _KEPT = 2
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The fits of all records at the same parameters.
-
-    Attributes
-    ----------
-    eta
-        Coordinates of the parameters (p).
-    parts
-        One fit a record.
-    """
+    """The fits of all records, in their order, at coordinates `eta` of the parameters (p)."""
 
     eta: Array
     parts: tuple[RecordFit, ...]
@@ -55,23 +46,14 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """The likelihood of all records, as a function of the parameters, with their priors.
+    """The likelihood of all records, as a function of the parameters, with their priors."""
 
-    Attributes
-    ----------
-    records
-        One or more, all with the same unknowns.
-    noiseless
-        The likelihood of the records without noise, if it is computed already.
-    pull
-        Deviation of the pull of parameters to the middle of their limits, over the distance of these.
-    stated_priors
-        Priors and limits in place of those of the unknowns.
-    """
-
-    records: tuple[RecordLikelihood, ...]
+    records: tuple[RecordLikelihood, ...]  # one or more, all with the same unknowns
+    # The likelihood of the records without noise, if it is computed already.
     noiseless: Likelihood | None = field(default=None, kw_only=True)
+    # Deviation of the pull of parameters to the middle of their limits, over the distance of these.
     pull: float = field(default=PULL, kw_only=True)
+    # Priors and limits in place of those of the unknowns.
     stated_priors: Priors | None = field(default=None, kw_only=True)
     _last: dict[tuple[Any, ...], tuple[Information, Fit]] = field(
         default_factory=dict, init=False, repr=False
@@ -116,16 +98,10 @@ class Likelihood:
         return [unknown.name for unknown in self.unknowns]
 
     def fit(self, eta: Array, noise: Sequence[Array] | None = None, *, clean: bool = False) -> Fit:
-        """Fit the initial states at coordinates of the parameters.
+        """Fit the initial states at coordinates of the parameters (p).
 
-        Parameters
-        ----------
-        eta
-            Coordinates of the parameters (p).
-        noise
-            Standard deviations that weight the channels of each record; absent: their RMS.
-        clean
-            True: fit the records without their noise, where these are known.
+        `noise`: standard deviations that weight the channels of each record; default: their RMS. `clean`: to
+        the records without their noise, where these are known.
         """
         parts = []
         for k, record in enumerate(self.records):
@@ -163,33 +139,20 @@ class Likelihood:
 
         The noise of a channel whose deviation is not given is its maximum-likelihood estimate.
         """
-        return self._misfit(
-            fit.eta,
-            [record_fit.counts for record_fit in fit.parts],
-            [record_fit.size for record_fit in fit.parts],
-        )
+        return self._prior_misfit(fit.eta) + self.record_misfit(fit)
 
     def misfit_at(self, eta: Array) -> float:
         """Return the misfit at these coordinates (p), without the derivatives that a fit has."""
-        sizes = [record.residual_rms_at(eta) for record in self.records]
-        return self._misfit(eta, [record.data.counts for record in self.records], sizes)
+        parts = [record.misfit(record.data.counts, record.residual_rms_at(eta)) for record in self.records]
+        return self._prior_misfit(eta) + sum(parts)
 
     def record_misfit(self, fit: Fit) -> float:
         """Return the misfit of the records alone, without the priors."""
-        return self._record_misfit(
-            [record_fit.counts for record_fit in fit.parts], [record_fit.size for record_fit in fit.parts]
-        )
+        fits = zip(self.records, fit.parts, strict=True)
+        return sum(record.misfit(record_fit.counts, record_fit.size) for record, record_fit in fits)
 
-    def _misfit(self, eta: Array, counts: Sequence[NDArray[np.int_]], sizes: Sequence[Array]) -> float:
-        return float(np.sum(self.priors.residual(eta) ** 2)) / 2 + self._record_misfit(counts, sizes)
-
-    def _record_misfit(self, counts: Sequence[NDArray[np.int_]], sizes: Sequence[Array]) -> float:
-        total = 0.0
-        for record, count, size in zip(self.records, counts, sizes, strict=True):
-            level = record.above_rounding(size)
-            squares = np.where(np.isnan(record.stated_noise), 0.0, size / level) ** 2
-            total += float(count @ (np.log(level) + squares / 2)) + record.log_determinant()
-        return total
+    def _prior_misfit(self, eta: Array) -> float:
+        return float(np.sum(self.priors.residual(eta) ** 2)) / 2
 
     def likeliest(self, fit: Fit) -> list[Array]:
         """Return the noise given, else the RMS of the residuals, not below rounding (channels)."""
@@ -209,11 +172,6 @@ class Likelihood:
     def modelled(self) -> bool:
         """True if a model of the noise is to be estimated together with the parameters."""
         return any(record.modelled for record in self.records)
-
-    @property
-    def coloured(self) -> bool:
-        """True if an autoregression whitens a record."""
-        return any(record.noise_orders.any() for record in self.records)
 
     def renewed(self, fit: Fit, *, settling: bool = False) -> Self:
         """Return the likelihood with the noise models of a fit; `settling`: of the orders that they have."""

@@ -9,17 +9,16 @@ form that the scene states for each quantity. Fit, error bars and verdict are al
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.information import MODAL_SURVEY, Observed
-from dynid.identification.likelihood.paired_modes import paired_modes, real_parts
+from dynid.identification.likelihood.paired_modes import PairedModes, paired_modes, real_parts
 from dynid.identification.likelihood.record_likelihood import (
     HIDDEN,
     RecordFit,
@@ -29,10 +28,8 @@ from dynid.identification.likelihood.record_likelihood import (
 from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
 from dynid.identification.records.measurement import RecordData
 from dynid.identification.records.modal_measurement import ModalChannel, ModalMeasurement, channels_of
-from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import system_of
-from dynid.identification.systems.prediction import Trajectory
 from dynid.parameters import Parameter, named, rates
 from dynid.structure.mode_derivatives import ModalSolution, has_damping, lowest_modes
 from dynid.structure.model import StructuralModel
@@ -41,62 +38,33 @@ from dynid.structure.model import StructuralModel
 CLOSE = 1e-4
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ModalFit(RecordFit):
-    """A fit of measured modes.
+    """A fit of measured modes to the modes of the model that they are paired with."""
 
-    Attributes
-    ----------
-    pairs
-        Modes of the model that the measured ones are paired with (r), from 0.
-    omega, damping
-        Their natural frequencies (r), rad/s, and damping ratios.
-    shapes
-        Their shapes at the sensors, scaled to the measured ones (s x r).
-    mac
-        Modal assurance criterion of all measured and computed shapes (r x m).
-    pair_mac
-        That of each pair (r); NaN without a shape.
-    """
+    modes: PairedModes
 
-    pairs: NDArray[np.int_] = field(default_factory=lambda: np.zeros(0, dtype=int))
-    omega: Array = field(default_factory=lambda: np.zeros(0))
-    damping: Array = field(default_factory=lambda: np.zeros(0))
-    shapes: NDArray[Any] = field(default_factory=lambda: np.zeros((0, 0)))
-    mac: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    pair_mac: Array = field(default_factory=lambda: np.zeros(0))
+    @property
+    def omega(self) -> Array:
+        """Natural frequencies (r), rad/s."""
+        return self.modes.columns[0]
 
 
 @dataclass(frozen=True, eq=False)
 class ModalRecord(RecordLikelihood):
-    """Likelihood of measured modes with a structure.
+    """Likelihood of measured modes with a structure."""
 
-    Attributes
-    ----------
-    model
-        The structure, full or reduced.
-    measurement
-        The measured modes.
-    data
-        The measured values over their deviations (values x quantities), NaN where there is none.
-    error
-        Errors of the model's form, relative (quantities).
-    sharing
-        Number of records that share the parameters.
-    count
-        How many modes of the model are computed.
-    close
-        Frequencies nearer to each other, relative, have one span of shapes.
-    """
-
-    model: StructuralModel
-    measurement: ModalMeasurement
+    model: StructuralModel  # the structure, full or reduced
+    measurement: ModalMeasurement  # the measured modes
+    # The measured values over their deviations (values x quantities), NaN where there is none.
     data: RecordData
-    error: Array
-    sharing: int = 1
-    count: int = 0
-    close: float = CLOSE
+    error: Array  # errors of the model's form, relative (quantities)
+    sharing: int = 1  # number of records that share the parameters
+    count: int = 0  # how many modes of the model are computed
+    close: float = CLOSE  # frequencies nearer to each other, relative, have one span of shapes
     left_out: tuple[int, ...] = ()
+    modal: ClassVar[bool] = True
+    outlier_remedy: ClassVar[str] = ""  # modes have no robust loss
 
     @classmethod
     def of(cls, model: StructuralModel, measurement: ModalMeasurement, count: int, sharing: int = 1) -> Self:
@@ -134,11 +102,6 @@ class ModalRecord(RecordLikelihood):
     # Description.
 
     @property
-    def modal(self) -> bool:
-        """True: these are measured modes."""
-        return True
-
-    @property
     def observed(self) -> Observed:
         """Words for a set of measured modes; without shapes, these have no scales."""
         return MODAL_SURVEY if self.nuisances else MODAL_SURVEY._replace(nuisances="one another")
@@ -158,11 +121,6 @@ class ModalRecord(RecordLikelihood):
         )
         return f"mode {mode + 1}{at}"
 
-    @property
-    def outlier_remedy(self) -> str:
-        """Nothing: modes have no robust loss."""
-        return ""
-
     def series(self, residual: Array) -> Array:
         """Return nothing: modes have no order in which they could be correlated."""
         return residual[:0]
@@ -175,11 +133,6 @@ class ModalRecord(RecordLikelihood):
     def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
         return self.model.unknowns
-
-    @property
-    def considered(self) -> tuple[Parameter, ...]:
-        """Parameters that are known with uncertainty."""
-        return tuple(parameter for parameter in self.model.parameters if parameter.std is not None)
 
     @cached_property
     def system_model(self) -> LinearSystem:
@@ -244,14 +197,10 @@ class ModalRecord(RecordLikelihood):
         """Rows that read the sensors (s x n)."""
         return np.array([self.model.row(dof) for dof in self.measurement.dofs]).reshape(-1, self.model.size)
 
-    @property
-    def near(self) -> float:
-        """Frequency of the size of the lowest elastic ones, rad/s."""
-        return float(self.measurement.omega.min())
-
     def solution(self, at: Mapping[str, float]) -> ModalSolution:
         """Return the modes of the model at values of the parameters."""
-        return lowest_modes(self.model, at, self.count, self.near, damped=self.damped)
+        near = float(self.measurement.omega.min())  # of the size of the lowest elastic ones
+        return lowest_modes(self.model, at, self.count, near, damped=self.damped)
 
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> ModalFit:  # noqa: ARG002
         """Predict the modes at coordinates of the parameters, and compare them with `values`."""
@@ -265,23 +214,7 @@ class ModalRecord(RecordLikelihood):
         outputs = _side_by_side([a / b for a, b in zip(paired.columns, spread, strict=True)])
         slopes = [a * rate / b[:, None] for a, b in zip(paired.slopes, spread, strict=True)]
         by_parameter = np.stack([_filled(slope, len(outputs)) for slope in slopes], axis=1)
-        residual = values - outputs
-        counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
-        return ModalFit(
-            eta,
-            Trajectory(outputs, np.zeros((len(outputs), 0))),
-            residual,
-            counts,
-            size,
-            self.noise_in(counts, size),
-            by_parameter=by_parameter,
-            pairs=paired.pairs,
-            omega=paired.columns[0],
-            damping=paired.damping,
-            shapes=paired.shapes,
-            mac=paired.mac,
-            pair_mac=paired.pair_mac,
-        )
+        return ModalFit(**vars(self._fit_at(eta, outputs, by_parameter, values)), modes=paired)
 
     # Residuals and information.
 
@@ -307,8 +240,8 @@ class ModalRecord(RecordLikelihood):
         share = np.sum(moved**2, axis=(0, 2))
         off = fit.omega / self.measurement.omega - 1
         explained = [1 - float(np.sqrt(np.mean(off**2)))]
-        if np.isfinite(fit.pair_mac).any():
-            explained.append(float(np.nanmean(fit.pair_mac)))
+        if np.isfinite(fit.modes.pair_mac).any():
+            explained.append(float(np.nanmean(fit.modes.pair_mac)))
         return ScatterTest(
             fit.residual,
             np.sum(moved**2, axis=2),
@@ -340,10 +273,6 @@ class ModalRecord(RecordLikelihood):
             groups.append((squares - before, degrees - rank))
             before, rank = squares, degrees
         return groups
-
-    def by_spans(self, close: float) -> Self:
-        """Return the likelihood in which modes that are this close have one span: it has no veering."""
-        return replace(self, close=close)
 
 
 def _filled(values: Array, rows: int) -> Array:

@@ -7,8 +7,7 @@ best one of their span. The scale of a shape is solved for (variable projection)
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,41 +30,26 @@ _DEPENDENT_SHAPE_TOL = 1e-6
 _MAX_DENSE_DOFS = 250
 
 
-@dataclass(frozen=True, eq=False)
-class _PairedModes:
-    """Predicted values of each quantity, their slopes (values x p), and what they are of."""
+class PairedModes(NamedTuple):
+    """Modes of a model that are paired with r measured ones."""
 
-    columns: list[Array]
-    slopes: list[Array]
-    pairs: NDArray[np.int_]
-    damping: Array
-    shapes: NDArray[Any]
-    mac: Array
-    pair_mac: Array
+    columns: list[Array]  # predicted values of each quantity: frequencies (r), rad/s, damping ratios, shapes
+    slopes: list[Array]  # their derivatives by the values of the parameters (values x p)
+    pairs: NDArray[np.int_]  # modes of the model (r), from 0
+    damping: Array  # their damping ratios (r)
+    shapes: NDArray[Any]  # their shapes at the sensors, scaled to the measured ones (s x r)
+    mac: Array  # modal assurance criterion of all measured and computed shapes (r x m)
+    pair_mac: Array  # that of each pair (r); NaN without a shape
 
 
 def paired_modes(
     measured: ModalMeasurement, rows: Array, solution: ModalSolution, slopes: Any, error: Array, close: float
-) -> _PairedModes:
+) -> PairedModes:
     """Return the modes of a model that are paired with the measured ones, and their derivatives.
 
-    Parameters
-    ----------
-    measured
-        The measured modes.
-    rows
-        Rows that read the sensors (s x n).
-    solution, slopes
-        The modes of the model, and the derivatives of its matrices by each parameter.
-    error
-        Errors of the model's form, relative (quantities).
-    close
-        Frequencies nearer to each other, relative, have one span of shapes.
-
-    Raises
-    ------
-    UsageError
-        If the model has fewer modes than are measured.
+    `rows` read the sensors (s x n); `slopes` are the derivatives of the model's matrices by each parameter,
+    `error` those of its form, relative (quantities). Frequencies that are `close` to each other, relative,
+    have one span of shapes.
     """
     r, s, p = measured.modes, len(measured.dofs), len(slopes)
     target, omega = measured.shapes, solution.omega
@@ -118,7 +102,7 @@ def paired_modes(
     if s:
         columns.append(real_parts(shapes))
         changes.append(np.stack([real_parts(by_shape[..., j]) for j in range(p)], axis=1))
-    return _PairedModes(columns, changes, pairs, zeta, shapes, table, pair_mac)
+    return PairedModes(columns, changes, pairs, zeta, shapes, table, pair_mac)
 
 
 def _best_of_span(

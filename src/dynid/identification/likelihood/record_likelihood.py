@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,33 +46,16 @@ class _NamedChannel(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ScatterTest:
-    """Residuals of values whose scatter is given, channel by channel.
+    """Residuals of values whose scatter is given, channel by channel."""
 
-    Attributes
-    ----------
-    residual
-        Residuals over the scatter (values x channels), NaN where there are none.
-    leverage
-        Part of an error of each value that the parameters absorb (values x channels).
-    degrees
-        Degrees of freedom of the residuals (channels).
-    by_parameter
-        Derivatives by the coordinates over the scatter, free of nuisances (values x p).
-    values
-        Number of values less that of nuisances.
-    explained
-        Part of the values that the model explains (0 to 1).
-    groups
-        Sums of squares that are independent of each other and of what is left, with their degrees of freedom:
-        of channels with few values, which the many of the others would hide.
-    """
-
-    residual: Array
-    leverage: Array
-    degrees: Array
-    by_parameter: Array
-    values: int
-    explained: float
+    residual: Array  # over the scatter (values x channels), NaN where there are none
+    leverage: Array  # part of an error of each value that the parameters absorb (values x channels)
+    degrees: Array  # degrees of freedom of the residuals (channels)
+    by_parameter: Array  # derivatives by the coordinates over the scatter, free of nuisances (values x p)
+    values: int  # their number less that of nuisances
+    explained: float  # part of the values that the model explains (0 to 1)
+    # Sums of squares that are independent of each other and of what is left, with their degrees of freedom:
+    # of channels with few values, which the many of the others would hide.
     groups: Sequence[tuple[float, int]] = ()
 
     @property
@@ -93,39 +76,20 @@ class ScatterTest:
 
 @dataclass(frozen=True, eq=False)
 class RecordFit:
-    """A fit at fixed parameters, the initial state being the best one (linear least squares).
+    """A fit at fixed parameters, the initial state being the best one (linear least squares)."""
 
-    Attributes
-    ----------
-    eta
-        Coordinates of the parameters (p).
-    predicted
-        Noise-free prediction, the states in SI divided by the model's scale.
-    residual
-        Measured minus predicted (times x channels), NaN where missing.
-    counts, size
-        Number of values of each channel, and RMS of its residuals (channels).
-    noise
-        Standard deviation of the noise (channels): as given, else estimated from the residuals.
-    triangles
-        Of each channel, over its RMS, a triangular factor of the derivatives by the initial state (scaled)
-        and by the coordinates, and the residuals, side by side (channels x n + p + 1 x n + p + 1): it has the
-        information of all values for any weights of the channels. None where `by_parameter` is used.
-    by_parameter
-        Derivatives of the prediction by the coordinates (times x channels x p), where there are no triangles.
-    measured
-        The values that it is fitted to (times x channels), NaN where missing; None of modes and segments.
-    """
-
-    eta: Array
-    predicted: Trajectory
-    residual: Array
-    counts: NDArray[np.int_]
-    size: Array
-    noise: Array
+    eta: Array  # coordinates of the parameters (p)
+    predicted: Trajectory  # without noise, the states in SI divided by the model's scale
+    residual: Array  # measured minus predicted (times x channels), NaN where missing
+    counts: NDArray[np.int_]  # number of values (channels)
+    size: Array  # RMS of the residuals (channels)
+    noise: Array  # standard deviation of the noise (channels): as given, else estimated from the residuals
+    # Of each channel, over its RMS, a triangular factor of the derivatives by the initial state (scaled) and
+    # by the coordinates, and the residuals, side by side (channels x n + p + 1 x n + p + 1): it has the
+    # information of all values for any weights of the channels. None where `by_parameter` is used.
     triangles: Array | None = None
-    by_parameter: Array | None = None
-    measured: Array | None = None
+    by_parameter: Array | None = None  # derivatives by the coordinates (times x channels x p)
+    measured: Array | None = None  # what it is fitted to (times x channels), NaN where missing
 
 
 class RecordLikelihood(ABC):
@@ -133,17 +97,14 @@ class RecordLikelihood(ABC):
 
     Noise that is not white is whitened: `fit`, `information`, `weighted`, `coordinates` and `series` are
     those of whitened values, for the noise model that `renewed` estimates.
-
-    Attributes
-    ----------
-    data
-        The values.
-    sharing
-        Number of records that share the parameters.
     """
 
-    data: RecordData
-    sharing: int
+    data: RecordData  # the values
+    sharing: int  # number of records that share the parameters
+    #: True for measured modes.
+    modal: ClassVar[bool] = False
+    #: The remedy of outliers that cannot be corrected; empty where there is none.
+    outlier_remedy: ClassVar[str] = "estimator: {loss: huber}"
 
     @property
     def full_data(self) -> RecordData:
@@ -158,11 +119,6 @@ class RecordLikelihood(ABC):
         return self
 
     # Description, for messages and results.
-
-    @property
-    def modal(self) -> bool:
-        """True for measured modes."""
-        return False
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -196,9 +152,9 @@ class RecordLikelihood(ABC):
     # Prediction, residuals and information.
 
     @property
-    @abstractmethod
     def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
+        return self.system_model.unknowns
 
     @property
     @abstractmethod
@@ -208,12 +164,12 @@ class RecordLikelihood(ABC):
     @property
     def considered(self) -> tuple[Parameter, ...]:
         """Parameters that are known with uncertainty."""
-        return ()
+        return self.system_model.considered
 
     @property
-    @abstractmethod
     def nuisances(self) -> int:
         """Number of nuisances: unknowns beside the parameters."""
+        return 0
 
     @abstractmethod
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:
@@ -221,6 +177,15 @@ class RecordLikelihood(ABC):
 
         Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
         """
+
+    def _fit_at(self, eta: Array, outputs: Array, by_parameter: Array, values: Array) -> RecordFit:
+        """Return the fit of a prediction without nuisances to `values`."""
+        predicted, residual = Trajectory(outputs, np.zeros((len(outputs), 0))), values - outputs
+        counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
+        level = self.noise_in(counts, size)
+        return RecordFit(
+            eta, predicted, residual, counts, size, level, by_parameter=by_parameter, measured=values
+        )
 
     def residual(self, eta: Array) -> Array:
         """Return the residual of the fit at coordinates `eta` (rows x channels), NaN where missing."""
@@ -273,22 +238,11 @@ class RecordLikelihood(ABC):
         """The remedy of coloured residuals, as the end of a sentence; empty where there is none."""
         return ""
 
-    @property
-    def outlier_remedy(self) -> str:
-        """The remedy of outliers that cannot be corrected; empty where there is none."""
-        return "estimator: {loss: huber}"
-
     def renewed(self, fit: RecordFit, root: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
-        """Return the likelihood with the noise model of this fit.
+        """Return the likelihood with the noise model of its own fit.
 
-        Parameters
-        ----------
-        fit
-            The fit, by this likelihood.
-        root
-            A root of the covariance of the coordinates, given all records (p x p).
-        settling
-            True: the order of the noise model stays as it is.
+        `root`: one of the covariance of the coordinates, given all records (p x p). `settling`: the order of
+        the noise model stays as it is.
         """
         return self
 
@@ -321,6 +275,12 @@ class RecordLikelihood(ABC):
     def log_determinant(self) -> float:
         """Return what the misfit has besides the deviations and residuals: 0 of white noise."""
         return 0.0
+
+    def misfit(self, counts: NDArray[np.int_], size: Array) -> float:
+        """Return minus the logarithm of the likelihood, of residuals of this number and RMS (channels)."""
+        level = self.above_rounding(size)
+        squares = np.where(np.isnan(self.stated_noise), 0.0, size / level) ** 2
+        return float(counts @ (np.log(level) + squares / 2)) + self.log_determinant()
 
     def residual_rms_at(self, eta: Array) -> Array:
         """Return the RMS of the residuals, whitened, at these coordinates (channels)."""
@@ -383,7 +343,7 @@ class RecordLikelihood(ABC):
 
     def channel_series(self, residual: Array, column: int) -> Array:
         """Return the series of a channel, of residuals (rows x channels) of all."""
-        return self.series(residual[:, [column]])
+        return self.series(residual)[:, column :: residual.shape[1]]
 
     def residual_rms(self, fit: RecordFit) -> Array:
         """Return the RMS of the residuals (channels), in the channels' units."""

@@ -141,34 +141,22 @@ class Regressors:
 
 @dataclass(frozen=True, eq=False)
 class SaturatedCoordinates:
-    """A channel in orthonormal directions of its saturated model.
+    """A channel in orthonormal directions of its saturated model."""
 
-    Attributes
-    ----------
-    kind, group, pole, rate
-        As of the regressor that each direction comes from (m).
-    size
-        Norm of that regressor beside those before it (m).
-    measured, residual
-        Measured values and the scene's residuals (m).
-    by_state, by_parameter
-        Derivatives of the prediction (m x n, m x p).
-    count
-        Number of independent values.
-    energy, left
-        Sums of squares of the measured values and of the residuals.
-    """
-
+    # `kind`, `group`, `pole`, `rate`: as of the regressor that each direction comes from (m)
     kind: NDArray[np.int_]
     group: NDArray[np.int_]
     pole: ComplexArray
     rate: Array
-    size: Array
+    size: Array  # norm of that regressor beside those before it (m)
+    # `measured`, `residual`: measured values and the scene's residuals (m)
     measured: Array
     residual: Array
+    # `by_state`, `by_parameter`: derivatives of the prediction (m x n, m x p)
     by_state: Array
     by_parameter: Array
-    count: float
+    count: float  # number of independent values
+    # `energy`, `left`: sums of squares of the measured values and of the residuals
     energy: float
     left: float
 

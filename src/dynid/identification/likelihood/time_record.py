@@ -51,7 +51,7 @@ from dynid.identification.systems.prediction import (
     runs,
 )
 from dynid.lti.recurrence import recurrence
-from dynid.parameters import Parameter, rates, starts, values
+from dynid.parameters import rates, starts, values
 from dynid.structure.response import Channel
 
 # The prior lets every channel be this many times larger than measured.
@@ -77,33 +77,17 @@ def _forced(model: ParametricModel, max_count: int) -> ForcedRegressors:
 
 @dataclass(frozen=True, eq=False)
 class TimeRecord(RecordLikelihood):
-    """The likelihood of one record of time with its model.
+    """The likelihood of one record of time with its model."""
 
-    Attributes
-    ----------
-    model
-        The model of the record.
-    data
-        The record.
-    experiment
-        Loads and measurement as they were given, for messages and results.
-    sharing
-        Number of records that share the parameters.
-    colour
-        Autoregression of the noise, by which values and derivatives are whitened; absent: the noise is white.
-    left_out
-        Samples of the record at which not every input is known: `model` and `data` are without them.
-    recorded
-        The record with them; None where there are none.
-    """
-
-    model: ParametricModel
-    data: RecordData
-    experiment: Experiment | None = None
-    sharing: int = 1
+    model: ParametricModel  # the model of the record
+    data: RecordData  # the record
+    experiment: Experiment | None = None  # loads and measurement as they were given, for messages and results
+    sharing: int = 1  # number of records that share the parameters
+    # Autoregression of the noise, by which values and derivatives are whitened; absent: the noise is white.
     colour: Autoregression | None = None
+    # Samples of the record at which not every input is known: `model` and `data` are without them.
     left_out: KnownSamples = NONE_LEFT_OUT
-    recorded: RecordData | None = None
+    recorded: RecordData | None = None  # the record with them; None where there are none
     _last: dict[bytes, Prediction] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -206,19 +190,9 @@ class TimeRecord(RecordLikelihood):
         return np.asarray(_PRIOR_WIDTH * (self.data.rms / self.model.reach).max() * self.model.state_root)
 
     @property
-    def unknowns(self) -> tuple[Parameter, ...]:
-        """The unknown parameters (p)."""
-        return self.model.unknowns
-
-    @property
     def system_model(self) -> LinearSystem:
         """The model with the loads and channels of the record."""
         return self.model.system
-
-    @property
-    def considered(self) -> tuple[Parameter, ...]:
-        """Parameters that are known with uncertainty."""
-        return self.model.considered
 
     @property
     def nuisances(self) -> int:
@@ -362,12 +336,6 @@ class TimeRecord(RecordLikelihood):
         white = self.colour.whitened(np.nan_to_num(residual)[..., None], present)[..., 0]
         return np.where(present, white, np.nan)
 
-    def channel_series(self, residual: Array, column: int) -> Array:
-        """Return the series of a channel, of residuals (times x channels) of all."""
-        if self.colour is None:
-            return residual[:, [column]]
-        return self.series(residual)[:, [column]]
-
     def residual(self, eta: Array) -> Array:
         """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""
         self.system_model.evaluations += 1
@@ -502,15 +470,9 @@ class TimeRecord(RecordLikelihood):
 
 @dataclass(frozen=True, eq=False)
 class TimeLikelihood(Likelihood):
-    """Records of time that share their parameters.
+    """Records of time that share their parameters."""
 
-    Attributes
-    ----------
-    records
-        One or more, all with the same unknowns.
-    """
-
-    records: tuple[TimeRecord, ...]
+    records: tuple[TimeRecord, ...]  # one or more, all with the same unknowns
 
     @property
     def most_evaluations(self) -> float:

@@ -43,30 +43,14 @@ _MAX_LINES, _BELOW, _ABOVE, _NYQUIST = 300, 0.3, 1.5, 0.9
 
 @dataclass(frozen=True, eq=False)
 class _CandidateSines:
-    """Candidate sines for a record, with the information of each if it had the whole force.
+    """Candidate sines for a record, with the information of each if it had the whole force."""
 
-    Attributes
-    ----------
-    model
-        The structure or graph.
-    dofs
-        Where a force may act: DOFs, or sources of a graph.
-    omega
-        Frequencies, rad/s: whole numbers of periods in the record.
-    rms
-        RMS of the excitation.
-    roots
-        Roots of the information on the parameters' coordinates (omega x dofs x rows x p).
-    bands
-        Around each mode, up to the geometric means with its neighbours, rad/s.
-    """
-
-    model: Model
-    dofs: tuple[Label, ...]
-    omega: Array
-    rms: float
-    roots: Array
-    bands: list[tuple[float, float]]
+    model: Model  # the structure or graph
+    dofs: tuple[Label, ...]  # where a force may act: DOFs, or sources of a graph
+    omega: Array  # frequencies, rad/s: whole numbers of periods in the record
+    rms: float  # RMS of the excitation
+    roots: Array  # roots of the information on the parameters' coordinates (omega x dofs x rows x p)
+    bands: list[tuple[float, float]]  # around each mode, up to the geometric means with its neighbours, rad/s
 
     @property
     def of_graph(self) -> bool:

@@ -128,25 +128,14 @@ def plan(
 
 @dataclass(frozen=True, eq=False)
 class _CandidateSensors:
-    """Candidate sensors for a record, with the information of each.
+    """Candidate sensors for a record, with the information of each."""
 
-    Attributes
-    ----------
-    channels
-        The candidates; those that would measure no motion are left out.
-    noise, rms
-        Standard deviation of the noise and RMS of the signal of each.
-    candidates
-        The information of each.
-    still
-        Names of the candidates that were left out.
-    """
-
-    channels: tuple[Any, ...]
+    channels: tuple[Any, ...]  # the candidates; those that would measure no motion are left out
+    # `noise`, `rms`: standard deviation of the noise and RMS of the signal of each
     noise: Array
     rms: Array
-    candidates: Candidates
-    still: tuple[str, ...]
+    candidates: Candidates  # the information of each
+    still: tuple[str, ...]  # names of the candidates that were left out
 
     def places(self, channels: Sequence[Any]) -> list[int]:
         """Return the places of channels among the candidates, of those that are candidates.

@@ -29,21 +29,13 @@ _AT_ONCE = 10_000_000
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The information of candidates, each as a triangle of its sensitivities over noise.
+    """The information of candidates, each as a triangle of its sensitivities over noise."""
 
-    Attributes
-    ----------
-    roots
-        Of each candidate any R with ``R^T R`` its information on nuisance and parameters (candidates x rows
-        x nuisance + parameters).
-    nuisance
-        How many columns, the first ones, are of nuisance parameters.
-    alike
-        A number for each candidate: of those with the same one at most one is chosen. Absent: all differ.
-    """
-
+    # Of each candidate any R with ``R^T R`` its information on nuisance and parameters (candidates x rows x
+    # nuisance + parameters).
     roots: Array
-    nuisance: int
+    nuisance: int  # how many columns, the first ones, are of nuisance parameters
+    # A number for each candidate: of those with the same one at most one is chosen. Absent: all differ.
     alike: NDArray[np.int64] | None = None
 
     @property

@@ -119,59 +119,31 @@ class Experiment(NamedTuple):
 
 
 class RobustLoss(NamedTuple):
-    """A record under a robust loss.
+    """A record under a robust loss."""
 
-    Attributes
-    ----------
-    recorded
-        The values as they were recorded (times x channels), NaN where missing.
-    scale
-        Robust standard deviation of the residuals (channels).
-    clipped
-        Part of the values whose influence is bounded (channels).
-    given
-        Given standard deviation of the noise (channels), NaN where none is given.
-    """
-
-    recorded: Array
-    scale: Array
-    clipped: Array
-    given: Array
+    recorded: Array  # the values as they were recorded (times x channels), NaN where missing
+    scale: Array  # robust standard deviation of the residuals (channels)
+    clipped: Array  # part of the values whose influence is bounded (channels)
+    given: Array  # given standard deviation of the noise (channels), NaN where none is given
 
 
 @dataclass(frozen=True, eq=False)
 class RecordData:
-    """A record.
+    """A record."""
 
-    Attributes
-    ----------
-    values
-        Measured values (times x channels), NaN where missing.
-    noise
-        Standard deviation of the noise (channels), if known.
-    clean
-        The values without noise (times x channels), if known.
-    given
-        Given standard deviation of the noise (channels), NaN where none is given; of pseudo-values None.
-    passed
-        Part of the power of white noise that a preparation passes. Error bars need the density in the pass
-        band: the deviation of the residuals over the root of this part.
-    robust
-        Data of a robust loss, if one is used; `values` then are pseudo-values, see
-        `dynid.identification.estimators.maximum_likelihood`.
-    colour
-        Colour of a simulated noise, if it is not white.
-    by_line
-        Deviation of a simulated noise by line (L x channels), if it is not the same at all lines.
-    """
-
-    values: Array
-    noise: Array | None = None
-    clean: Array | None = None
+    values: Array  # measured values (times x channels), NaN where missing
+    noise: Array | None = None  # standard deviation of the noise (channels), if known
+    clean: Array | None = None  # the values without noise (times x channels), if known
+    # Given standard deviation of the noise (channels), NaN where none is given; of pseudo-values None.
     given: Array | None = None
+    # Part of the power of white noise that a preparation passes. Error bars need the density in the pass
+    # band: the deviation of the residuals over the root of this part.
     passed: float = 1.0
+    # Data of a robust loss, if one is used; `values` then are pseudo-values, see
+    # `dynid.identification.estimators.maximum_likelihood`.
     robust: RobustLoss | None = None
-    colour: Autoregression | None = None
+    colour: Autoregression | None = None  # colour of a simulated noise, if it is not white
+    # Deviation of a simulated noise by line (L x channels), if it is not the same at all lines.
     by_line: Array | None = None
 
     @property

@@ -50,28 +50,17 @@ class _Update(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Autoregression:
-    """A stationary autoregressive noise of several channels.
+    """A stationary autoregressive noise of several channels."""
 
-    Attributes
-    ----------
-    coefficients
-        Coefficients ``a_1, a_2, …`` (channels x n), 0 beyond the order of a channel.
-    orders
-        Order of each channel (channels).
-    mixing
-        Unit lower triangular factor L of the covariance of the innovations (channels x channels); None where
-        channels are independent.
-    deviation
-        Deviations d of the innovations that are left beside those of channels before (channels). Where
-        channels are independent they may have any size.
-    bic
-        Bayesian information criterion (orders from 0 x channels), less that of white noise.
-    """
-
-    coefficients: Array
-    orders: NDArray[np.int_]
+    coefficients: Array  # coefficients ``a_1, a_2, …`` (channels x n), 0 beyond the order of a channel
+    orders: NDArray[np.int_]  # order of each channel (channels)
+    # Unit lower triangular factor L of the covariance of the innovations (channels x channels); None where
+    # channels are independent.
     mixing: Array | None = None
+    # Deviations d of the innovations that are left beside those of channels before (channels). Where channels
+    # are independent they may have any size.
     deviation: Array = field(default_factory=lambda: np.ones(1))
+    # Bayesian information criterion (orders from 0 x channels), less that of white noise.
     bic: Array | None = None
     _updates: dict[bytes, list[tuple[list[list[_Update]], int]]] = field(default_factory=dict, repr=False)
 

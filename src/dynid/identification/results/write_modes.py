@@ -75,21 +75,12 @@ DETERMINED = 1.0
 
 
 class _LeftOut(NamedTuple):
-    """Frequencies predicted with them left out, over the measured ones less 1.
+    """Frequencies predicted with them left out, over the measured ones less 1."""
 
-    Attributes
-    ----------
-    error
-        Relative errors of the predictions (r); NaN where the other data do not determine the parameters.
-    deviation
-        Their standard deviations by parameters, scatter and error of the form (r).
-    by_scatter
-        The same by scatter alone (r).
-    """
-
+    # Relative errors of the predictions (r); NaN where the other data do not determine the parameters.
     error: Array
-    deviation: Array
-    by_scatter: Array
+    deviation: Array  # their standard deviations by parameters, scatter and error of the form (r)
+    by_scatter: Array  # the same by scatter alone (r)
 
     @property
     def contradicted(self) -> NDArray[np.bool_]:
@@ -166,24 +157,16 @@ def trade_off(record: ModalRecord, eta: Array, rebuild: Rebuild | None) -> dict[
             fit = survey.fit(end, survey.data.values)
         except _FAILURES:
             continue
-        ends[name] = End(fit.omega / survey.measurement.omega - 1, fit.pair_mac)
+        ends[name] = End(fit.omega / survey.measurement.omega - 1, fit.modes.pair_mac)
     return ends
 
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of parameters, and how much better the data know it than the priors.
+    """A combination of parameters, and how much better the data know it than the priors."""
 
-    Attributes
-    ----------
-    strength
-        Deviation by the prior over that by the data.
-    weights
-        Its components in units of the priors' deviations (p).
-    """
-
-    strength: float
-    weights: Array
+    strength: float  # deviation by the prior over that by the data
+    weights: Array  # its components in units of the priors' deviations (p)
 
     def label(self, names: Sequence[str]) -> str:
         """Return the parameters that take part in it, the most important first, as ratios or products."""
@@ -261,9 +244,9 @@ def add_modes(
     for suffix, fit in (("_start", before), ("", after)):
         result.add(f"{GROUP}/frequency{suffix}", factor * fit.omega, dims, measured.unit)
         result.add(f"{GROUP}/frequency_error{suffix}", fit.omega / measured.omega - 1, dims)
-        result.add(f"{GROUP}/model_mode{suffix}", fit.pairs + 1, dims)
+        result.add(f"{GROUP}/model_mode{suffix}", fit.modes.pairs + 1, dims)
         if measured.has_damping:
-            result.add(f"{GROUP}/damping{suffix}", fit.damping, dims)
+            result.add(f"{GROUP}/damping{suffix}", fit.modes.damping, dims)
     if measured.has_damping:
         assert measured.damping is not None
         result.add(f"{GROUP}/damping_measured", measured.damping, dims)
@@ -315,8 +298,8 @@ def _expanded(record: ModalRecord, fit: ModalFit) -> NDArray[Any]:
     J. O'Callahan, P. Avitabile, R. Riemer, *Proc. IMAC VII* 1989, 29–37.
     """
     solution = record.solution(named(record.unknowns, fit.eta))
-    shapes_at_all_dofs = record.model.expand(solution.shapes[:, fit.pairs])
-    at_sensors, target = record.rows @ solution.shapes[:, fit.pairs], record.measurement.shapes
+    shapes_at_all_dofs = record.model.expand(solution.shapes[:, fit.modes.pairs])
+    at_sensors, target = record.rows @ solution.shapes[:, fit.modes.pairs], record.measurement.shapes
     expanded = np.full(shapes_at_all_dofs.shape, np.nan, dtype=np.result_type(shapes_at_all_dofs, target))
     for k in range(target.shape[1]):
         there = ~np.isnan(target[:, k])
@@ -412,15 +395,15 @@ def _add_shapes(result: Result, record: ModalRecord, before: ModalFit, after: Mo
     """Add shapes at the sensors and their correlation."""
     measured = record.measurement
     result.add_axis(f"{GROUP}/sensor", np.array([str(dof) for dof in measured.dofs], dtype=object))
-    count = max(before.mac.shape[1], after.mac.shape[1])
+    count = max(before.modes.mac.shape[1], after.modes.mac.shape[1])
     result.add_axis(f"{GROUP}/computed", np.arange(1, count + 1))
     result.add(f"{GROUP}/shape_measured", measured.shapes, ("sensor", "mode"))
     if measured.complex_shapes:
         result.add(f"{GROUP}/complexity_measured", complexity(measured.shapes), ("mode",))
     for suffix, fit in (("_start", before), ("", after)):
         table = np.full((measured.modes, count), np.nan)
-        table[:, : fit.mac.shape[1]] = fit.mac
-        result.add(f"{GROUP}/mac{suffix}", fit.pair_mac, ("mode",))
+        table[:, : fit.modes.mac.shape[1]] = fit.modes.mac
+        result.add(f"{GROUP}/mac{suffix}", fit.modes.pair_mac, ("mode",))
         result.add(f"{GROUP}/mac_table{suffix}", table, ("mode", "computed"))
-        result.add(f"{GROUP}/shape{suffix}", fit.shapes, ("sensor", "mode"))
-        result.add(f"{GROUP}/comac{suffix}", comac(measured.shapes, fit.shapes), ("sensor",))
+        result.add(f"{GROUP}/shape{suffix}", fit.modes.shapes, ("sensor", "mode"))
+        result.add(f"{GROUP}/comac{suffix}", comac(measured.shapes, fit.modes.shapes), ("sensor",))

@@ -66,14 +66,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from dynid.arrays import Array
 from dynid.defaults import HUBER
+from dynid.errors import DynidError
 from dynid.identification.diagnosis.calibration import GROUP as CONSIDERED
 from dynid.identification.diagnosis.calibration import add_calibration_slopes
-from dynid.identification.diagnosis.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
+from dynid.identification.diagnosis.importance import DRAWS, likelihood_size, posterior_check
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.diagnosis.verdict import CONTRADICTED, verdict, warnings
 from dynid.identification.estimators.filter import Pass
@@ -89,7 +91,7 @@ from dynid.identification.residual_tests import (
 from dynid.identification.results.write_derived import DERIVED, DerivedRequest, add_derived, add_noise
 from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.parameters import rates, starts, values
-from dynid.result import Result
+from dynid.result import REJECTED, Result
 from dynid.structure.correlation import frac
 from dynid.structure.excitation import inputs_of
 from dynid.structure.response import common_unit, source_names
@@ -117,18 +119,10 @@ _COMPARED = (
 
 @dataclass(frozen=True, eq=False)
 class Further:
-    """Results beside the estimates and their tests.
+    """Results beside the estimates and their tests."""
 
-    Attributes
-    ----------
-    derived
-        The requested derived quantities; absent: those of small systems.
-    check
-        True to check the Gaussian posterior by importance sampling.
-    """
-
-    derived: DerivedRequest | None = None
-    check: bool = False
+    derived: DerivedRequest | None = None  # the requested derived quantities; absent: those of small systems
+    check: bool = False  # True to check the Gaussian posterior by importance sampling
 
 
 def add_identification(
@@ -139,18 +133,11 @@ def add_identification(
 ) -> Result:
     """Add to a result those arrays of a posterior that are wanted there, and return it.
 
-    Parameters
-    ----------
-    result
-        The result to add to.
-    posterior
-        The posterior.
-    true_states
-        Returns for each record of time the states (times x n) that it was simulated with, where known.
-    further
-        What is computed beside the estimates; absent: derived quantities of small systems.
+    `true_states` returns for each record of time the states (times x n) that it was simulated with, where
+    known; `further`: what is computed beside the estimates, by default derived quantities of small systems.
     """
     further = further or Further()
+    unit, names = _unit_of(posterior), posterior.likelihood.names
     _add_parameters(result, posterior)
     if result.wants_below(CONSIDERED):
         size = np.abs(posterior.values)
@@ -159,18 +146,34 @@ def add_identification(
     if any(map(result.wants_below, _SAMPLED)):
         _add_records(result, posterior, true_states)
     result.annotate("identification", estimator=posterior.method)
-    add_stages(result, posterior)
+    _add_stages(result, posterior)
     stages = posterior.estimate.stages
-    result.add_axis(f"{_STAGES}/parameter", posterior.likelihood.names)
+    result.add_axis(f"{_STAGES}/parameter", names)
     estimates = values(posterior.likelihood.unknowns, np.array([stage.eta for stage in stages]))
-    result.add(f"{_STAGES}/estimate", estimates, ("stage", "parameter"), common_unit_of(posterior))
+    result.add(f"{_STAGES}/estimate", estimates, ("stage", "parameter"), unit)
     if any(record.modelled for record in posterior.likelihood.records if not record.modal):
         add_noise(result, posterior)
     check = posterior_check(posterior) if further.check else None
     if check is not None:
-        _add_check(result, posterior, check)
-    _add_optima(result, posterior)
-    add_diagnostics(result, posterior, [] if check is None else check.warnings)
+        group = "identification/posterior"
+        result.add_axis(f"{group}/parameter", names)
+        result.add_all(group, k_hat=check.k_hat, effective_samples=check.effective, gaussian=check.gaussian)
+        result.add_all(group, k_hat_used=check.k_used, effective_samples_used=check.effective_used)
+        result.add_all(group, ("parameter",), unit, mean=check.mean, low=check.low, high=check.high)
+        if check.log_evidence is not None:
+            result.add(f"{group}/log_evidence", check.log_evidence)
+        result.annotate(group, samples=DRAWS, confidence=0.95)
+        if check.no_evidence:
+            result.annotate(group, no_evidence=check.no_evidence)
+    if (optima := posterior.optima) is not None and len(optima) > 1:
+        group = "identification/equivalent_optima"
+        result.add_axes(group, optimum=np.arange(1, len(optima) + 1), parameter=names)
+        estimates = values(posterior.likelihood.unknowns, optima.eta)
+        estimates[0] = posterior.values
+        result.add(f"{group}/estimate", estimates, ("optimum", "parameter"), unit)
+        for name in ("log_likelihood", "log_posterior", "undecided"):
+            result.add(f"{group}/{name}", getattr(optima, name), ("optimum",))
+    _add_diagnostics(result, posterior, [] if check is None else check.warnings)
     if posterior.model_error is not None:
         posterior.model_error.add_to(result, [channel.name for channel in posterior.channels])
     if result.wants_below(DERIVED):
@@ -178,12 +181,12 @@ def add_identification(
     return result
 
 
-def add_stages(result: Result, posterior: Posterior) -> None:
+def _add_stages(result: Result, posterior: Posterior) -> None:
     """Add ``stages/``: the attempts of the estimator, but for their estimates."""
     stages = posterior.estimate.stages
     result.add_axis(f"{_STAGES}/stage", [stage.name for stage in stages])
-    result.add(f"{_STAGES}/residual_ratio", [np.max(stage.residual_ratio) for stage in stages], ("stage",))
-    result.add(f"{_STAGES}/iterations", [stage.iterations for stage in stages], ("stage",))
+    ratios, iterations = [np.max(stage.residual_ratio) for stage in stages], [s.iterations for s in stages]
+    result.add_all(_STAGES, ("stage",), residual_ratio=ratios, iterations=iterations)
     result.add(f"{_STAGES}/chosen", [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1)
 
 
@@ -191,104 +194,74 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
     """Add ``parameters/``: estimates with error bars, bounds and correlations."""
     group, dims = _PARAMETERS, ("parameter",)
     names, priors = posterior.likelihood.names, posterior.likelihood.priors
-    unit, estimate, rate, true = common_unit_of(posterior), posterior.values, posterior.rates, posterior.true
-    add_names(result, group, posterior)
-    result.add(f"{group}/estimate", estimate, dims, unit)
-    identifiable = posterior.identifiable
-    rate = np.where(identifiable, rate, np.inf)
-    result.add(f"{group}/identifiable", identifiable, dims)
-    result.add(f"{group}/standard_error", rate * posterior.deviations, dims, unit)
-    for name, ends in zip(("low", "high"), posterior.intervals, strict=True):
-        result.add(f"{group}/{name}", ends, dims, unit)
-    result.add(f"{group}/decided_by", posterior.decided_by, dims)
+    unit, identifiable = _unit_of(posterior), posterior.identifiable
+    rate, (low, high) = np.where(identifiable, posterior.rates, np.inf), posterior.intervals
+    _add_estimates(result, posterior, group)
+    result.add_all(group, dims, unit, standard_error=rate * posterior.deviations, low=low, high=high)
+    result.add_all(group, dims, identifiable=identifiable, decided_by=posterior.decided_by)
     if result.wants(f"{group}/standard_error_scaled") and posterior.noise_is_given:
         result.add(f"{group}/standard_error_scaled", rate * posterior.scaled_deviations, dims, unit)
-    if (
-        result.wants(f"{group}/standard_error_total")
-        and (total := posterior.considered_deviations) is not None
-    ):
+    wanted = result.wants(f"{group}/standard_error_total")
+    if wanted and (total := posterior.considered_deviations) is not None:
         result.add(f"{group}/standard_error_total", rate * total, dims, unit)
     if result.wants(f"{group}/cramer_rao"):
         bound = np.where(identifiable, posterior.bound, np.inf)
         result.add(f"{group}/cramer_rao", bound, dims, unit)
-    result.add(f"{group}/at_bound", priors.at_bound(posterior.fit.eta) & ~priors.fixed, dims)
     if (priors.has_prior & ~priors.fixed).any():
         result.add(f"{group}/cramer_rao_without_prior", posterior.bound_with(prior=False), dims, unit)
-    nonzero = np.where(true == 0, np.nan, true)
-    result.add(f"{group}/error_percent", 100 * np.abs(estimate / nonzero - 1), dims, "%")
     # An axis of its own: two axes of one name could not be distinguished.
     result.add_axis(f"{group}/other", names)
     result.add(f"{group}/correlation", posterior.information.correlation(), ("parameter", "other"))
 
 
-def add_names(result: Result, group: str, posterior: Posterior) -> None:
-    """Add names, units, scales, starts and true values of the parameters to a group."""
-    dims, unit, unknowns = ("parameter",), common_unit_of(posterior), posterior.likelihood.unknowns
-    names = posterior.likelihood.names
+def _add_estimates(result: Result, posterior: Posterior, group: str = "identification/rejected") -> None:
+    """Add estimates of the parameters, their names, units, scales, starts, true values and errors."""
+    dims, unit, unknowns = ("parameter",), _unit_of(posterior), posterior.likelihood.unknowns
+    names, true, priors = posterior.likelihood.names, posterior.true, posterior.likelihood.priors
     result.add_axis(f"{group}/parameter", names)
-    result.add(f"{group}/name", names, dims)
-    result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
+    result.add_all(group, dims, name=names, unit=[unknown.unit for unknown in unknowns])
     if not all(unknown.logarithmic for unknown in unknowns):
         result.add(f"{group}/scale", [unknown.scale for unknown in unknowns], dims)
-    result.add(f"{group}/start", posterior.starts or [unknown.start for unknown in unknowns], dims, unit)
-    result.add(f"{group}/true", posterior.true, dims, unit)
+    first = posterior.starts or [unknown.start for unknown in unknowns]
+    result.add_all(group, dims, unit, start=first, true=true, estimate=posterior.values)
+    result.add(f"{group}/at_bound", priors.at_bound(posterior.fit.eta) & ~priors.fixed, dims)
+    nonzero = np.where(true == 0, np.nan, true)
+    result.add(f"{group}/error_percent", 100 * np.abs(posterior.values / nonzero - 1), dims, "%")
 
 
-def common_unit_of(posterior: Posterior) -> str:
+def _unit_of(posterior: Posterior) -> str:
     """Return the common unit of the parameters, if there is one."""
     return common_unit(unknown.unit for unknown in posterior.likelihood.unknowns)
-
-
-def _add_optima(result: Result, posterior: Posterior) -> None:
-    """Add ``equivalent_optima/`` where several optima have equal likelihood."""
-    optima = posterior.optima
-    if optima is None or len(optima) == 1:
-        return
-    group, dims = "identification/equivalent_optima", ("optimum",)
-    result.add_axis(f"{group}/optimum", np.arange(1, len(optima) + 1))
-    result.add_axis(f"{group}/parameter", posterior.likelihood.names)
-    estimates = values(posterior.likelihood.unknowns, optima.eta)
-    estimates[0] = posterior.values
-    result.add(f"{group}/estimate", estimates, ("optimum", "parameter"), common_unit_of(posterior))
-    result.add(f"{group}/log_likelihood", optima.log_likelihood, dims)
-    result.add(f"{group}/log_posterior", optima.log_posterior, dims)
-    result.add(f"{group}/undecided", optima.undecided, dims)
 
 
 # Diagnostics.
 
 
-def add_diagnostics(result: Result, posterior: Posterior, more: Sequence[str] = ()) -> None:
+def _add_diagnostics(result: Result, posterior: Posterior, more: Sequence[str] = ()) -> None:
     """Add ``diagnostics/``: convergence, comparison of models, tests of the residuals, verdict."""
-    group = _DIAGNOSTICS
-    result.add(f"{group}/equivalent_optima", 1 if posterior.optima is None else len(posterior.optima))
-    for name in ("optimum", "settled"):
-        result.add(f"{group}/{name}", posterior.optimal)
+    group, priors = _DIAGNOSTICS, posterior.likelihood.priors
+    optima = 1 if posterior.optima is None else len(posterior.optima)
+    result.add_all(group, equivalent_optima=optima, optimum=posterior.optimal, settled=posterior.optimal)
     if any(result.wants(f"{group}/{name}") for name in _COMPARED):
         _add_comparison(result, posterior)
     result.add_axis(f"{group}/parameter", posterior.likelihood.names)
     result.add(f"{group}/distance_to_optimum", posterior.distance_to_optimum, ("parameter",))
-    priors = posterior.likelihood.priors
     if (priors.has_prior & ~priors.fixed).any():
         conflict = posterior.prior_conflict
-        result.add(f"{group}/prior_conflict", conflict, ("parameter",))
-        result.add(f"{group}/prior_contradicted", conflict > CONTRADICTED, ("parameter",))
+        contradicted = conflict > CONTRADICTED
+        result.add_all(group, ("parameter",), prior_conflict=conflict, prior_contradicted=contradicted)
     result.add_axis(f"{group}/channel", [channel.name for channel in posterior.channels])
     unit = common_unit(channel.unit for channel in posterior.channels)
     result.add(f"{group}/residual_rms", posterior.residual_rms, ("channel",), unit)
     result.add(f"{group}/residual_ratio", posterior.residual_ratio, ("channel",))
-    result.add(f"{group}/whiteness_p", posterior.whiteness_p)
-    result.add(f"{group}/white", not is_coloured(posterior.whiteness_p))
-    result.add(f"{group}/condition", posterior.information.condition())
+    whiteness_p, condition = posterior.whiteness_p, posterior.information.condition()
+    white = not is_coloured(whiteness_p)
+    result.add_all(group, whiteness_p=whiteness_p, white=white, condition=condition)
     if any(result.wants(f"{group}/{name}") for name in ("log_likelihood", "bic")):
         size = likelihood_size(posterior)
-        result.add(f"{group}/log_likelihood", size.log_likelihood)
-        result.add(f"{group}/bic", size.bic)
-        result.add(f"{group}/observations", size.observations)
-        result.add(f"{group}/free_parameters", size.free)
-    for name, count in posterior.estimate.counts.items():
-        result.add(f"{group}/{name}", count)
-    result.add(f"{group}/passes", len(posterior.estimate.histories))
+        result.add_all(group, log_likelihood=size.log_likelihood, bic=size.bic)
+        result.add_all(group, observations=size.observations, free_parameters=size.free)
+    result.add_all(group, **posterior.estimate.counts, passes=len(posterior.estimate.histories))
     if any(result.wants(f"{group}/{name}") for name in _TESTS):
         _add_residual_tests(result, posterior)
     if any(result.wants(f"{group}/{name}") for name in _AUTOCORRELATION):
@@ -302,28 +275,23 @@ def _add_comparison(result: Result, posterior: Posterior) -> None:
     """Add the comparison of the scene's model with no model and with the saturated one."""
     group, compared = _DIAGNOSTICS, posterior.comparison
     result.add(f"{group}/converged", posterior.converged)
-    result.add(f"{group}/explained", compared.explained)
-    result.add(f"{group}/redundancy", compared.redundancy)
-    result.add(f"{group}/signal_p", compared.signal_p)
-    result.add(f"{group}/signal_explained", compared.signal_explained)
-    result.add(f"{group}/lack_of_fit_p", compared.lack_of_fit_p)
-    result.add(f"{group}/lacks_fit", compared.lacks_fit)
+    for name in ("explained", "redundancy", "signal_p", "signal_explained", "lack_of_fit_p", "lacks_fit"):
+        result.add(f"{group}/{name}", getattr(compared, name))
     result.add(f"{group}/channel_lack_of_fit_p", compared.channel_lack_of_fit_p, ("channel",))
     if posterior.rejection is not None:
         return
-    if not (posterior.optimal and compared.explained and compared.redundancy > 0):
-        result.annotate(_PARAMETERS, error_bars="nominal: the estimate is not converged")
-    elif posterior.undetermined:
-        held = ", ".join(posterior.undetermined)
-        result.annotate(_PARAMETERS, error_bars=f"conditional on the values of {held}")
-    elif posterior.ambiguous:
-        result.annotate(_PARAMETERS, error_bars="of this optimum alone")
-    elif posterior.optima is not None and posterior.optima.flat is not None:
-        result.annotate(
-            _PARAMETERS, error_bars="too narrow: the likelihood falls more slowly than they predict"
-        )
-    elif compared.lacks_fit or is_coloured(posterior.whiteness_p):
-        result.annotate(_PARAMETERS, error_bars="nominal: the residuals are not noise")
+    flat = posterior.optima is not None and posterior.optima.flat is not None
+    remarks = {
+        "nominal: the estimate is not converged": not (
+            posterior.optimal and compared.explained and compared.redundancy > 0
+        ),
+        f"conditional on the values of {', '.join(posterior.undetermined)}": posterior.undetermined,
+        "of this optimum alone": posterior.ambiguous,
+        "too narrow: the likelihood falls more slowly than they predict": flat,
+        "nominal: the residuals are not noise": compared.lacks_fit or is_coloured(posterior.whiteness_p),
+    }
+    if remark := next((text for text, holds in remarks.items() if holds), ""):
+        result.annotate(_PARAMETERS, error_bars=remark)
 
 
 def _add_residual_tests(result: Result, posterior: Posterior) -> None:
@@ -333,8 +301,7 @@ def _add_residual_tests(result: Result, posterior: Posterior) -> None:
     result.add(f"{group}/noise_p", test.p)
     if not np.isnan(test.p):
         result.add(f"{group}/noise_contradicted", bool(posterior.contradicted_noise))
-        result.add(f"{group}/channel_noise_p", test.channel_p, dims)
-        result.add(f"{group}/noise_ratio", test.ratio, dims)
+        result.add_all(group, dims, channel_noise_p=test.channel_p, noise_ratio=test.ratio)
     shapes = [shape for shape in posterior.shapes if shape is not None]
     if len(shapes) == len(posterior.shapes):
         for name in ("mean", "mean_p", "kurtosis", "kurtosis_p", "largest", "largest_p"):
@@ -366,26 +333,7 @@ def _add_autocorrelation(result: Result, posterior: Posterior) -> None:
         joined[:, k], band[k] = r[:lags].mean(axis=1), np.mean(channel_band) / np.sqrt(len(channel_band))
         white[k] = posterior.channel_whiteness_p(posterior.channels[k])
     result.add(f"{group}/autocorrelation", joined, ("lag", "channel"))
-    result.add(f"{group}/autocorrelation_band", band, ("channel",))
-    result.add(f"{group}/channel_whiteness_p", white, ("channel",))
-
-
-def _add_check(result: Result, posterior: Posterior, check: PosteriorCheck) -> None:
-    """Add the check of the Gaussian posterior by importance sampling."""
-    group, dims = "identification/posterior", ("parameter",)
-    result.add_axis(f"{group}/parameter", posterior.likelihood.names)
-    result.add(f"{group}/k_hat", check.k_hat)
-    result.add(f"{group}/effective_samples", check.effective)
-    result.add(f"{group}/k_hat_used", check.k_used)
-    result.add(f"{group}/effective_samples_used", check.effective_used)
-    result.add(f"{group}/gaussian", check.gaussian)
-    for name in ("mean", "low", "high"):
-        result.add(f"{group}/{name}", getattr(check, name), dims, common_unit_of(posterior))
-    if check.log_evidence is not None:
-        result.add(f"{group}/log_evidence", check.log_evidence)
-    result.annotate(group, samples=DRAWS, confidence=0.95)
-    if check.no_evidence:
-        result.annotate(group, no_evidence=check.no_evidence)
+    result.add_all(group, ("channel",), autocorrelation_band=band, channel_whiteness_p=white)
 
 
 # Records.
@@ -413,16 +361,8 @@ def _add_records(
         deviations, passes = posterior.deviations, []
         for record_fit, band in zip(parts, bands, strict=True):
             states = record_fit.predicted.states[stored_rows(len(record_fit.residual))]
-            rows_of_ones = np.ones((len(states), 1))
-            passes.append(
-                Pass(
-                    rows_of_ones * record_fit.eta,
-                    rows_of_ones * deviations,
-                    states,
-                    band,
-                    np.diag(deviations),
-                )
-            )
+            eta, spread = (np.tile(numbers, (len(states), 1)) for numbers in (record_fit.eta, deviations))
+            passes.append(Pass(eta, spread, states, band, np.diag(deviations)))
         sweeps = [passes]
     named = {"history": sweeps[-1]} | ({"first_pass": sweeps[0]} if len(sweeps) > 1 else {})
     for name, sweep in named.items():
@@ -454,14 +394,14 @@ def _add_record(
     _add_measurement(result, group("measurement"), record, fit)
     values = [unknown.true for unknown in model.unknowns if unknown.true is not None]
     if len(values) == len(model.unknowns):
-        result.add(f"{group('history')}/true", values, ("parameter",), common_unit_of(posterior))
+        result.add(f"{group('history')}/true", values, ("parameter",), _unit_of(posterior))
     if true is not None:
         result.add(f"{group('history')}/true_state", true, ("time", "component"))
     states, dims = group("states"), ("time", "component")  # measured or not (Yang, Fig. 9)
     _add_stored_times(result, states, record)
     _add_components(result, states, model)
-    result.add(f"{states}/estimate", fit.predicted.states[rows] * model.scale, dims)
-    result.add(f"{states}/standard_deviation", band * model.scale, dims)
+    estimate = fit.predicted.states[rows] * model.scale
+    result.add_all(states, dims, estimate=estimate, standard_deviation=band * model.scale)
     if true is not None:
         result.add(f"{states}/true", true, dims)
     _add_spectrum(result, group("residual_spectrum"), record, fit)
@@ -471,10 +411,9 @@ def _add_record(
         result.add_axis(f"{innovations}/time", record.times, "s")
         result.add_axis(f"{innovations}/channel", [channel.name for channel in measurement.channels])
         result.add(f"{innovations}/normalised", normalised, ("time", "channel"))
-        for name in ("mean_square", "low", "high"):
-            result.add(f"{innovations}/{name}", getattr(consistent, name), ("channel",))
-        for name in ("overall", "overall_low", "overall_high", "consistent"):
-            result.add(f"{innovations}/{name}", getattr(consistent, name))
+        for name, number in consistent._asdict().items():
+            result.add(f"{innovations}/{name}", number, ("channel",) if np.ndim(number) else ())
+        result.add(f"{innovations}/consistent", consistent.consistent)
 
 
 def _add_spectrum(result: Result, group: str, record: TimeRecord, fit: RecordFit) -> None:
@@ -488,7 +427,7 @@ def _add_spectrum(result: Result, group: str, record: TimeRecord, fit: RecordFit
     result.add(f"{group}/amplitude", amplitude, ("omega", "channel"), common_unit(units))
 
 
-def add_fits(result: Result, posterior: Posterior) -> None:
+def _add_fits(result: Result, posterior: Posterior) -> None:
     """Add what was measured and predicted with the residuals and their spectra, record by record."""
     fits = zip(posterior.likelihood.records, posterior.fit.parts, strict=True)
     for k, (record, fit) in enumerate(fits):
@@ -507,6 +446,30 @@ def add_fits(result: Result, posterior: Posterior) -> None:
         result.add(f"{group}/residual", residual, dims, unit)
 
 
+def raise_rejected(posterior: Posterior, *further: Callable[[Result, Posterior], Any]) -> None:
+    """Raise the error of a rejected fit, with its result, which leaves out what cannot be computed.
+
+    It has what was measured and predicted, and the tests that reject it, but no answers: estimates stand in
+    ``identification/rejected/``, with their starts, true values and units, and nowhere else. `measurement`
+    has the `residual`, too. `further`: what is added besides, as measured modes.
+    """
+    error = posterior.rejection
+    if error is None:
+        return
+    result = Result("identification")
+    result.attrs["status"] = REJECTED
+    result.annotate("identification", estimator=posterior.method, rejected=str(error))
+    for add in (_add_estimates, _add_stages, _add_fits, _add_diagnostics, *further):
+        group = Result("identification")
+        try:
+            add(group, posterior)
+        except (DynidError, ArithmeticError, np.linalg.LinAlgError):  # numbers may leave their range
+            continue
+        result.merge(group)
+    error.result = result
+    raise error
+
+
 def _add_history(result: Result, group: str, record: TimeRecord, history: Pass) -> None:
     """Add the histories of parameters and states over a record."""
     model, dims = record.model, ("time", "parameter")
@@ -514,13 +477,11 @@ def _add_history(result: Result, group: str, record: TimeRecord, history: Pass) 
     _add_stored_times(result, group, record)
     result.add_axis(f"{group}/parameter", [unknown.name for unknown in model.unknowns])
     unit = common_unit(unknown.unit for unknown in model.unknowns)
-    result.add(f"{group}/estimate", estimate, dims, unit)
-    result.add(f"{group}/standard_deviation", rate * history.deviations, dims, unit)
+    result.add_all(group, dims, unit, estimate=estimate, standard_deviation=rate * history.deviations)
     _add_components(result, group, model)
     # Not an axis named `state`: a variable of two axes cannot have the name of one of them.
-    result.add(f"{group}/state", history.states * model.scale, ("time", "component"))
-    band = history.state_deviations * model.scale
-    result.add(f"{group}/state_standard_deviation", band, ("time", "component"))
+    states, bands = history.states * model.scale, history.state_deviations * model.scale
+    result.add_all(group, ("time", "component"), state=states, state_standard_deviation=bands)
 
 
 def _add_components(result: Result, group: str, model: ParametricModel) -> None:
@@ -539,8 +500,7 @@ def _add_measurement(result: Result, group: str, record: TimeRecord, fit: Record
     result.add(f"{group}/samples_left_out", sum(record.left_out))
     result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
     result.add(f"{group}/unit", units, ("channel",))
-    result.add(f"{group}/measured", data.recorded, dims, unit)
-    result.add(f"{group}/predicted", fit.predicted.outputs, dims, unit)
+    result.add_all(group, dims, unit, measured=data.recorded, predicted=fit.predicted.outputs)
     result.add_axis(f"{group}/excitation", source_names(loads))
     inputs = inputs_of(loads, record.model.times, record.model.inputs())
     units_in = [load.unit for load in loads]
@@ -573,16 +533,12 @@ def _add_responses(result: Result, record: FrfRecord, fit: RecordFit) -> None:
     unit = common_unit(units)
     result.add_axis(f"{group}/omega", measurement.omega, "rad/s")
     result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
-    result.add(f"{group}/unit", units, ("channel",))
-    result.add(f"{group}/measured", record.responses(record.data.recorded), dims, unit)
-    result.add(f"{group}/predicted", record.responses(fit.predicted.outputs), dims, unit)
-    measured = record.responses(record.data.recorded)
-    result.add(f"{group}/frac", frac(measured, record.responses(fit.predicted.outputs)), ("channel",))
+    measured, predicted = map(record.responses, (record.data.recorded, fit.predicted.outputs))
+    result.add_all(group, dims, unit, measured=measured, predicted=predicted)
+    result.add_all(group, ("channel",), unit=units, frac=frac(measured, predicted))
     if result.wants(f"{group}/frac_start"):
-        begun = record.fit(starts(record.unknowns), record.data.values)
-        result.add(
-            f"{group}/frac_start", frac(measured, record.responses(begun.predicted.outputs)), ("channel",)
-        )
+        begun = record.responses(record.fit(starts(record.unknowns), record.data.values).predicted.outputs)
+        result.add(f"{group}/frac_start", frac(measured, begun), ("channel",))
     if record.data.noise is not None:
         result.add(f"{group}/noise", np.sqrt(2) * record.data.noise, ("channel",), unit)
     if measurement.deviation is not None:

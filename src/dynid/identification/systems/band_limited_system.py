@@ -49,7 +49,7 @@ class _BandLimitedSystem(StructureSystem):
 
     def __init__(self, system: StructureSystem, band: float = BAND_FACTOR) -> None:
         super().__init__(system.model, system.loads, system.channels)
-        self.band = band
+        self.band, self.considered = band, system.considered
 
     def basis(self, values: Mapping[str, float], omega: Array, pairs: Sequence[tuple[int, int]]) -> Array:
         """Return the modes in the band of the lines, and residual vectors (n x r)."""

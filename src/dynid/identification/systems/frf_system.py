@@ -17,7 +17,7 @@ from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.instruments import Instruments
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, freed_model, system_of
-from dynid.parameters import Parameter, named, rates, true_values
+from dynid.parameters import named, rates, true_values
 from dynid.structure.model import StructuralModel
 
 # The most numbers that the solutions at all lines may take.
@@ -52,26 +52,12 @@ def check_cost(model: Model, lines: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class FrfSystem:
-    """A model with the channels and forces of measured frequency response functions.
+    """A model with the channels and forces of measured frequency response functions."""
 
-    Attributes
-    ----------
-    system
-        The model with the distinct channels and loads.
-    pairs
-        Of each function the places of its channel and its load.
-    instruments
-        Gains and delays of the functions' channels.
-    considered
-        The parameters that are known with uncertainty.
-    model, functions
-        The model and the functions that it is made of.
-    """
-
-    system: LinearSystem
-    pairs: tuple[tuple[int, int], ...]
-    instruments: Instruments
-    considered: tuple[Parameter, ...] = ()
+    system: LinearSystem  # the model with the distinct channels and loads
+    pairs: tuple[tuple[int, int], ...]  # of each function the places of its channel and its load
+    instruments: Instruments  # gains and delays of the functions' channels
+    # `model`, `functions`: the model and the functions that it is made of
     model: Model | None = None
     functions: tuple[Frf, ...] = ()
 
@@ -105,7 +91,6 @@ class FrfSystem:
             system_of(model, loads, channels),
             pairs,
             instruments,
-            tuple(parameter for parameter in model.parameters if parameter.std is not None),
             model,
             tuple(functions),
         )

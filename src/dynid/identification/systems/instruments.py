@@ -28,21 +28,11 @@ class Numbers(NamedTuple):
 
 
 class RecordSampling(NamedTuple):
-    """Times at which a model is evaluated for channels that are delayed.
+    """Times at which a model is evaluated for channels that are delayed."""
 
-    Attributes
-    ----------
-    times
-        The sampling times and those of what delayed channels record, ascending (u), s.
-    rows
-        Place among these of each recorded value (times x channels).
-    own
-        Place of each sampling time (times).
-    """
-
-    times: Array
-    rows: NDArray[np.int64]
-    own: NDArray[np.int64]
+    times: Array  # the sampling times and those of what delayed channels record, ascending (u), s
+    rows: NDArray[np.int64]  # place among these of each recorded value (times x channels)
+    own: NDArray[np.int64]  # place of each sampling time (times)
 
     @classmethod
     def of(cls, times: Array, delays: Array) -> RecordSampling | None:
@@ -73,21 +63,13 @@ class RecordSampling(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Instruments:
-    """The instruments of a record.
+    """The instruments of a record."""
 
-    Attributes
-    ----------
-    parameters
-        Names of the parameters (p).
-    load_gains, load_delays
-        Of the loads; delays in s.
-    gains, offsets, delays
-        Of the channels; offsets in their units.
-    """
-
-    parameters: tuple[str, ...]
+    parameters: tuple[str, ...]  # names of the parameters (p)
+    # `load_gains`, `load_delays`: of the loads; delays in s
     load_gains: tuple[Real, ...]
     load_delays: tuple[Real, ...]
+    # `gains`, `offsets`, `delays`: of the channels; offsets in their units
     gains: tuple[Real, ...]
     offsets: tuple[Real, ...]
     delays: tuple[Real, ...]

@@ -75,11 +75,14 @@ class LinearSystem(ABC):
         The states (n).
     signals
         The acting inputs, one a load.
+    considered
+        The parameters that are known with uncertainty.
     evaluations
         How often frequency responses were computed.
     """
 
     unknowns: tuple[Parameter, ...]
+    considered: tuple[Parameter, ...] = ()
     states: tuple[StateVariable, ...]
     signals: list[Signal]
     evaluations: int = 0

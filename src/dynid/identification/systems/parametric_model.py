@@ -75,57 +75,29 @@ class ParametricModel:
 
     The physical states are divided by `scale`, powers of two that balance the system matrix. Build it with
     `parametric_model`.
-
-    Attributes
-    ----------
-    system
-        The model with the loads and channels of the record.
-    scale
-        Unit of each state (n), in SI.
-    w_scale
-        Unit of the generator states.
-    line
-        The record's timeline.
-    initials, known
-        First state that each load prescribes (loads x n), scaled, zero elsewhere; and where one does (n).
-    channels
-        The measured quantities.
-    gains
-        Names of the gains of the loads, and of those of the channels.
-    state_root
-        Root (n x n) of the wide prior covariance of the state (scaled), up to a factor.
-    reach
-        Standard deviation of each channel under that prior (channels).
-    affine
-        The matrices, scaled, where they are affine in the parameters, all of which are logarithmic.
-    acting
-        Mask of the loads that act (loads).
-    instruments
-        Gains, offsets and delays.
-    sampling
-        Times at which delayed channels record; None where no channel is delayed.
-    considered
-        The parameters that are known with uncertainty.
-    free
-        Returns the system and the instruments with these, and with known masses and stiffnesses, among the
-        unknown parameters; None where there are none.
     """
 
-    system: LinearSystem
-    scale: Array
-    w_scale: float
-    line: Timeline
+    system: LinearSystem  # the model with the loads and channels of the record
+    scale: Array  # unit of each state (n), in SI
+    w_scale: float  # unit of the generator states
+    line: Timeline  # the record's timeline
+    # `initials`, `known`: first state that each load prescribes (loads x n), scaled, zero elsewhere; and
+    # where one does (n)
     initials: Array
     known: NDArray[np.bool_]
-    channels: tuple[Any, ...]
+    channels: tuple[Any, ...]  # the measured quantities
+    # Names of the gains of the loads, and of those of the channels.
     gains: tuple[tuple[str, ...], tuple[str, ...]]
-    state_root: Array
-    reach: Array
+    state_root: Array  # root (n x n) of the wide prior covariance of the state (scaled), up to a factor
+    reach: Array  # standard deviation of each channel under that prior (channels)
+    # The matrices, scaled, where they are affine in the parameters, all of which are logarithmic.
     affine: Affine | None
-    acting: NDArray[np.bool_]
-    instruments: Instruments
+    acting: NDArray[np.bool_]  # mask of the loads that act (loads)
+    instruments: Instruments  # gains, offsets and delays
+    # Times at which delayed channels record; None where no channel is delayed.
     sampling: RecordSampling | None = None
-    considered: tuple[Parameter, ...] = ()
+    # Returns the system and the instruments with these, and with known masses and stiffnesses, among the
+    # unknown parameters; None where there are none.
     free: Callable[[], tuple[LinearSystem, Instruments] | None] | None = None
     _last: dict[bytes, Matrices] = field(default_factory=dict, repr=False)
     _moved: dict[bytes, ParametricModel] = field(default_factory=dict, repr=False)
@@ -422,7 +394,6 @@ def parametric_model(
         acting=np.ones(len(loads), dtype=bool),
         instruments=instruments,
         sampling=sampling,
-        considered=tuple(parameter for parameter in model.parameters if parameter.std is not None),
         free=partial(_freed, model, loads, channels, system.states),
     )
 
@@ -513,8 +484,11 @@ def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> Li
         If a load or channel makes no sense there.
     """
     if isinstance(model, StructuralModel):
-        return StructureSystem(model, loads, channels)
-    return model.system(loads, channels)
+        system: LinearSystem = StructureSystem(model, loads, channels)
+    else:
+        system = model.system(loads, channels)
+    system.considered = tuple(parameter for parameter in model.parameters if parameter.std is not None)
+    return system
 
 
 def unknowns_of(model: Model) -> tuple[Parameter, ...]:

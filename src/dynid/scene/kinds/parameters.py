@@ -208,12 +208,8 @@ _ESTIMATORS = {
 
 def estimator_of(model: IdentificationScene) -> Any:
     """Return the estimator of an identification."""
-    options, measurement = model.estimator, model.measurement
+    options = model.estimator
     module, name = _ESTIMATORS[options.method]
-    if options.method == "auto" and measurement is not None and measurement.modes is not None:
-        module, name = "modal_search", "ModalSearch"
-    elif options.method == "auto" and measurement is not None and measurement.frf is not None:
-        name = "FrfAuto"
     kind = getattr(import_module(f"dynid.identification.estimators.{module}"), name)
     estimator = kind(**options.options())
     if options.loss == "huber":
