@@ -19,7 +19,6 @@ from dynid.identification.information import Information
 from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
-from dynid.identification.likelihood.modal_record import ModalRecord
 from dynid.identification.problem import Measured, Problem, identifiable_origin
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, Rebuild
@@ -62,24 +61,14 @@ class ExpectedRecords:
         compared = compare_models(self.likelihood, self.fit)
         pairs = zip(self.likelihood.records, self.noise, strict=True)
         # Modes have no saturated model.
-        waves = [pair for pair in pairs if not isinstance(pair[0], ModalRecord)]
-        waves_with_noise = [
-            (*pair, resolved_noise) for pair, resolved_noise in zip(waves, compared.noise, strict=True)
-        ]
-        noise = [
-            np.maximum(level / record.data.rms, resolved_noise)
-            for record, level, resolved_noise in waves_with_noise
-        ]
-        return compared.redundancy_at(noise)
+        levels = [level / record.data.rms for record, level in pairs if not record.modal]
+        return compared.redundancy_at(
+            [np.maximum(*both) for both in zip(levels, compared.noise, strict=True)]
+        )
 
     def information(self) -> Information:
         """Return the information of the records on the parameters, initial states unknown."""
         return self.likelihood.information(self.fit, self.noise)
-
-
-def expected_records(likelihood: Likelihood) -> ExpectedRecords:
-    """Return the expected records at the true values where all are known, else at the starts."""
-    return ExpectedRecords(likelihood, *_expectation(likelihood))
 
 
 def with_true_noise(expected: ExpectedRecords) -> ExpectedRecords:
@@ -90,12 +79,11 @@ def with_true_noise(expected: ExpectedRecords) -> ExpectedRecords:
     likelihood = Likelihood(tuple(record.ideal() for record in records))
     pairs = zip(records, expected.noise, strict=True)
     levels = [record.level(nominal, ideal=True) for record, nominal in pairs]
-    fit = likelihood.fit(expected.fit.eta)
-    return ExpectedRecords(likelihood, fit, levels, expected.place, expected.assumed)
+    return replace(expected, likelihood=likelihood, fit=likelihood.fit(expected.fit.eta), noise=levels)
 
 
-def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
-    """Return `fit`, `noise`, `place` and `assumed` of `ExpectedRecords`."""
+def expected_records(likelihood: Likelihood) -> ExpectedRecords:
+    """Return the expected records at the true values where all are known, else at the starts."""
     unknowns = likelihood.unknowns
     true = truths(unknowns)
     at_truth = not np.isnan(true).any()
@@ -112,7 +100,7 @@ def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
         level = record.data.noise if record.data.noise is not None else record.stated_noise_or(np.zeros(1))
         assumed = assumed or not level.all()
         noise.append(np.where(level > 0, level, NOMINAL_NOISE * record.data.rms))
-    return fit, noise, "true" if at_truth else "start", assumed
+    return ExpectedRecords(likelihood, fit, noise, "true" if at_truth else "start", assumed)
 
 
 def identifiability(
@@ -184,11 +172,9 @@ def identifiability_result(model: Model, expected: ExpectedRecords) -> Result:
     result.annotate(group, at=expected.place, noise="assumed" if expected.assumed else "known")
     result.add_axis(f"{group}/parameter", [unknown.name for unknown in unknowns])
     result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
-    result.add(f"{group}/value", value, dims, unit)
-    result.add(f"{group}/bound", bounds, dims, unit)
+    result.add_all(group, dims, unit, value=value, bound=bounds)
     relative = np.where(value == 0, np.inf, np.abs(value))
-    result.add(f"{group}/relative_bound", bounds / relative, dims)
-    result.add(f"{group}/identifiable", np.isfinite(bounds), dims)
+    result.add_all(group, dims, relative_bound=bounds / relative, identifiable=np.isfinite(bounds))
     # The bounds were the initial states known: nothing is projected out.
     fits = zip(records, expected.fit.parts, expected.noise, strict=True)
     full = np.concatenate([record.slopes(record_fit, level) for record, record_fit, level in fits])
@@ -210,9 +196,9 @@ def identifiability_result(model: Model, expected: ExpectedRecords) -> Result:
     unit = common_unit(channel.unit for channel in channels)
     counts = [np.count_nonzero(~np.isnan(record_fit.residual), axis=0) for record_fit in expected.fit.parts]
     deviation = np.concatenate(expected.noise)
+    bound = deviation / np.sqrt(2 * np.concatenate(counts))
     result.add_axis(f"{group}/noise/channel", [channel.name for channel in channels])
-    result.add(f"{group}/noise/deviation", deviation, ("channel",), unit)
-    result.add(f"{group}/noise/bound", deviation / np.sqrt(2 * np.concatenate(counts)), ("channel",), unit)
+    result.add_all(f"{group}/noise", ("channel",), unit, deviation=deviation, bound=bound)
     if isinstance(model, StructuralModel):
         sensitivities = pole_sensitivities(model, expected.values)
     else:
@@ -225,11 +211,10 @@ def _add_groups(result: Result, information: Information) -> None:
     """Add ``groups/``: groups of collinear parameters."""
     group = "identification/identifiability/groups"
     groups = information.groups(_ILL_CONDITIONED)
-    result.add_axis(f"{group}/parameter", information.names)
-    result.add_axis(f"{group}/group", np.arange(1, len(groups) + 1))
+    result.add_axes(group, parameter=information.names, group=np.arange(1, len(groups) + 1))
     named = [", ".join(information.names[index] for index in item.places) for item in groups]
-    result.add(f"{group}/parameters", np.array(named, dtype=object), ("group",))
-    result.add(f"{group}/seen", np.array([item.identifiable for item in groups], dtype=object), ("group",))
+    seen = np.array([item.identifiable for item in groups], dtype=object)
+    result.add_all(group, ("group",), parameters=np.array(named, dtype=object), seen=seen)
     changes = [(number, item, blind) for number, item in enumerate(groups, 1) for blind in item.blind]
     rows = np.zeros((len(changes), len(information.names)))
     for row, (_, item, blind) in zip(rows, changes, strict=True):
@@ -285,8 +270,7 @@ def _system_pole_sensitivities(system: LinearSystem, values: Mapping[str, float]
 def _add_modal_sensitivity(result: Result, sensitivities: PoleSensitivities, names: Sequence[str]) -> None:
     """Add the derivatives of the poles by the unknown parameters."""
     group = "identification/identifiability/modal_sensitivity"
-    result.add_axis(f"{group}/mode", np.arange(1, len(sensitivities.omega) + 1))
-    result.add_axis(f"{group}/parameter", names)
+    result.add_axes(group, mode=np.arange(1, len(sensitivities.omega) + 1), parameter=names)
     result.add(f"{group}/omega", sensitivities.omega, ("mode",), "rad/s")
     result.add(f"{group}/zeta", sensitivities.zeta, ("mode",))
     result.add(f"{group}/pole", sensitivities.poles, ("mode",), "rad/s")

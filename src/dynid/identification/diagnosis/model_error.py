@@ -88,18 +88,16 @@ class ModelError:
         """Add it as ``identification/model_error``; `channels` are the names of all records' channels."""
         group, dims = "identification/model_error", ("parameter",)
         unit = common_unit(unknown.unit for unknown in self.unknowns)
-        result.add_axis(f"{group}/parameter", [unknown.name for unknown in self.unknowns])
-        result.add(f"{group}/unit", [unknown.unit for unknown in self.unknowns], dims)
-        result.add(f"{group}/shift", self.shifted - self.estimate, dims, unit)
-        result.add(f"{group}/noise_error", rates(self.unknowns, self.coordinates) * self.noise, dims, unit)
-        result.add(f"{group}/dominant", self.dominant, dims)
-        result.add_axis(f"{group}/channel", channels)
+        names, modes = [unknown.name for unknown in self.unknowns], np.arange(1, len(self.omega) + 1)
+        result.add_axes(group, parameter=names, channel=channels, mode=modes)
+        units = [unknown.unit for unknown in self.unknowns]
+        result.add_all(group, dims, unit=units, dominant=self.dominant)
+        noise = rates(self.unknowns, self.coordinates) * self.noise
+        result.add_all(group, dims, unit, shift=self.shifted - self.estimate, noise_error=noise)
         result.add(f"{group}/response_error", self.response, ("channel",))
-        result.add_axis(f"{group}/mode", np.arange(1, len(self.omega) + 1))
         result.add(f"{group}/frequency", self.omega, ("mode",), "rad/s")
         result.add(f"{group}/frequency_error", self.omega / self.reference_omega - 1, ("mode",))
-        result.add(f"{group}/reference", self.reference)
-        result.add(f"{group}/warning", self.warning)
+        result.add_all(group, reference=self.reference, warning=self.warning)
 
 
 def model_error(

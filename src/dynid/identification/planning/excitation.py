@@ -52,11 +52,6 @@ class _CandidateSines:
     roots: Array  # roots of the information on the parameters' coordinates (omega x dofs x rows x p)
     bands: list[tuple[float, float]]  # around each mode, up to the geometric means with its neighbours, rad/s
 
-    @property
-    def of_graph(self) -> bool:
-        """True for the sources of a graph."""
-        return isinstance(self.model, IdentifiedGraph)
-
     def candidates(self, count: int) -> Candidates:
         """Return the candidates, frequency by frequency, for a design of so many lines."""
         rows, columns = self.roots.shape[2:]
@@ -81,21 +76,9 @@ class _CandidateSines:
 
 
 def grid(omega: Array, step: float, samples: int, band: tuple[float, float] | None = None) -> Array:
-    """Return frequencies with whole numbers of periods in the record, natural ones among them.
+    """Return frequencies with whole numbers of periods in the record, those near the natural ones `omega`.
 
-    Parameters
-    ----------
-    omega
-        Natural frequencies, rad/s.
-    step, samples
-        Sampling of the record.
-    band
-        Where to look, rad/s; absent: from below the lowest mode to above the highest, or to near Nyquist's.
-
-    Raises
-    ------
-    UsageError
-        If the record is too short to hold a period there.
+    `band`, rad/s: where to look; default: from below the lowest mode to above the highest, or near Nyquist's.
     """
     spacing = 2 * np.pi / (step * samples)
     elastic = omega[omega > 0]
@@ -238,16 +221,15 @@ def add_excitation(
     chosen = select(candidates, count)
     at = [sines.line(candidate) for candidate in chosen]
     result.add_axis(f"{group}/choice", [f"{dof} at {omega:.5g} rad/s" for dof, omega in at])
-    result.add(f"{group}/choice_dof", [str(dof) for dof, _ in at], ("choice",))
+    dofs, gains = [str(dof) for dof, _ in at], candidates.steps(chosen)
+    result.add_all(group, ("choice",), choice_dof=dofs, gain=gains)
     result.add(f"{group}/choice_omega", [omega for _, omega in at], ("choice",), "rad/s")
     units = common_unit(load.unit for load in sines.loads(chosen))
     result.add(f"{group}/amplitude", sines.rms * np.sqrt(2 / len(chosen)), (), units)
-    result.annotate(group, driven="source" if sines.of_graph else "force")
-    result.add(f"{group}/gain", candidates.steps(chosen), ("choice",))
+    result.annotate(group, driven="source" if isinstance(model, IdentifiedGraph) else "force")
     best = exact_bounds(model, experiment, expected, sines.loads(chosen))
     present = expected.information().bounds()
-    result.add(f"{group}/best_bound", best, ("parameter",))
-    result.add(f"{group}/present_bound", present, ("parameter",))
+    result.add_all(group, ("parameter",), best_bound=best, present_bound=present)
     both = np.isfinite(best).all() and np.isfinite(present).all()
     ratio = (
         float(np.exp(np.mean(np.log(best) - np.log(present)))) if both else float(np.isfinite(present).all())
@@ -286,11 +268,8 @@ def _add_bands(result: Result, sines: _CandidateSines, names: Sequence[str]) -> 
                     (f"{dof} in band {number}", str(dof), low, high, design.worth([0]), design.bounds([0]))
                 )
     rows.sort(key=lambda row: -row[4])
-    result.add_axis(f"{group}/band", [row[0] for row in rows])
-    result.add_axis(f"{group}/parameter", names)
-    result.add(f"{group}/dof", [row[1] for row in rows], ("band",))
-    result.add(f"{group}/low", [row[2] for row in rows], ("band",), "rad/s")
-    result.add(f"{group}/high", [row[3] for row in rows], ("band",), "rad/s")
-    result.add(
-        f"{group}/bound", np.reshape([row[5] for row in rows], (len(rows), columns)), ("band", "parameter")
-    )
+    bands, dofs, lows, highs, _, bounds = zip(*rows, strict=True) if rows else [()] * 6
+    result.add_axes(group, band=bands, parameter=names)
+    result.add(f"{group}/dof", dofs, ("band",))
+    result.add_all(group, ("band",), "rad/s", low=lows, high=highs)
+    result.add(f"{group}/bound", np.reshape(bounds, (len(rows), columns)), ("band", "parameter"))

@@ -138,10 +138,7 @@ class _CandidateSensors:
     still: tuple[str, ...]  # names of the candidates that were left out
 
     def places(self, channels: Sequence[Any]) -> list[int]:
-        """Return the places of channels among the candidates, of those that are candidates.
-
-        The kind of the DOF, which an own channel has from its unit, makes no other channel of it.
-        """
+        """Return the places of channels, whatever the kinds of their DOFs, among the candidates."""
         candidates = [_of_any_kind(channel) for channel in self.channels]
         return [candidates.index(sensor) for sensor in map(_of_any_kind, channels) if sensor in candidates]
 
@@ -205,19 +202,8 @@ def candidate_sensors(
 ) -> _CandidateSensors:
     """Return candidate sensors for a record, with their information.
 
-    Parameters
-    ----------
-    model
-        The structure or graph.
-    experiment
-        Loads, and the sampling of the record.
-    expected
-        The record as it is expected with its own channels.
-    channels
-        The candidates.
-    noise
-        Standard deviation of the noise by quantity, SI; of others it is the same part of the RMS as that of
-        the record's own channels, whose noise stays as it is.
+    `noise`: standard deviations by quantity, SI; that of others is the same part of the RMS as that of the
+    record's own channels, whose noise stays as it is.
     """
     present = experiment.measurement.channels
     record = expected.likelihood.records[0]
@@ -278,12 +264,10 @@ def _add_sensors(
     """
     group, candidates = "plan/sensors", sensors.candidates
     chosen = select(candidates, count)
-    result.add_axis(f"{group}/candidate", [channel.name for channel in sensors.channels])
-    result.add_axis(f"{group}/parameter", names)
+    result.add_axes(group, candidate=[channel.name for channel in sensors.channels], parameter=names)
     units = [channel.unit for channel in sensors.channels]
     result.add(f"{group}/unit", units, ("candidate",))
-    result.add(f"{group}/noise", sensors.noise, ("candidate",), common_unit(units))
-    result.add(f"{group}/rms", sensors.rms, ("candidate",), common_unit(units))
+    result.add_all(group, ("candidate",), common_unit(units), noise=sensors.noise, rms=sensors.rms)
     alone = [candidates.bounds([k]) for k in range(len(sensors.channels))]
     result.add(f"{group}/bound_alone", alone, ("candidate", "parameter"))
     result.add_axis(f"{group}/choice", [sensors.channels[k].name for k in chosen])

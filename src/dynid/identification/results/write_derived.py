@@ -85,12 +85,8 @@ def add_derived(result: Result, posterior: Posterior, request: DerivedRequest | 
     """
     systems = [(system, pairs) for system, pairs in _systems(posterior) if len(system.states)]
     if request is None:
-        small = all(
-            len(system.states) <= _MAX_STATES
-            and len(system.unknowns) <= _MAX_PARAMETERS
-            and len(pairs) <= _MAX_PAIRS
-            for system, pairs in systems
-        )
+        sizes = [(len(system.states), len(system.unknowns), len(pairs)) for system, pairs in systems]
+        small = all(np.all(np.array(size) <= (_MAX_STATES, _MAX_PARAMETERS, _MAX_PAIRS)) for size in sizes)
         if not small or not posterior.converged:
             return
         unrequested = Result("identification")
@@ -162,21 +158,21 @@ def _add_all(
             for pair in pairs:
                 verdicts += _add_zeros(result, derived, pair)
         if "frequency_response" in request.kinds:
-            omega = _grid(derived.poles) if request.omega is None else request.omega
+            omega = request.omega
+            if omega is None:  # around the poles
+                size = np.abs(derived.poles.reference.values)
+                size = size[size > 0] if size.any() else np.ones(1)
+                omega = np.geomspace(size.min() / _BEYOND_MODES, size.max() * _BEYOND_MODES, _GRID_LINES)
             for pair in pairs:
                 group = f"{DERIVED}/frequency_response/{pair.output}/{pair.input}"
-                bands = zip(
-                    ("magnitude", "phase"), derived.response(omega, pair), (pair.unit, "rad"), strict=True
-                )
-                for name, band, unit in bands:
+                magnitude, phase = derived.response(omega, pair)
+                for name, band, unit in (("magnitude", magnitude, pair.unit), ("phase", phase, "rad")):
                     result.add_axis(f"{group}/{name}/omega", omega, "rad/s")
                     _add_band(result, f"{group}/{name}", band, ("omega",), unit)
-    group, dims = f"{DERIVED}/verdicts", ("verdict",)
+    group = f"{DERIVED}/verdicts"
     result.add_axis(f"{group}/verdict", [verdict.name for verdict in verdicts])
-    result.add(f"{group}/holds", [verdict.holds for verdict in verdicts], dims)
-    result.add(f"{group}/probability", [verdict.probability for verdict in verdicts], dims)
-    result.add(f"{group}/always", [verdict.always for verdict in verdicts], dims)
-    result.add(f"{group}/statement", [verdict.statement for verdict in verdicts], dims)
+    for name in ("holds", "probability", "always", "statement"):
+        result.add(f"{group}/{name}", [getattr(verdict, name) for verdict in verdicts], ("verdict",))
 
 
 def _add_zeros(result: Result, derived: DerivedQuantities, pair: Pair) -> list[Verdict]:
@@ -199,10 +195,9 @@ def _add_roots(result: Result, group: str, axis: str, family: RootFamily) -> Non
         both = np.empty(len(real.value), dtype=np.complex128)
         both.real, both.imag = getattr(real, name), getattr(imaginary, name)  # a sum is NaN of infinite ends
         result.add(f"{group}/{name}", both, (axis,), "1/s")
-    for name, band in (("real", real), ("imaginary", imaginary)):
-        result.add(f"{group}/method_{name}", band.method, (axis,))
-    result.add(f"{group}/on_axis", family.on_axis[family.shown], (axis,))
-    result.add(f"{group}/multiplicity", family.multiplicity[family.shown], (axis,))
+    result.add_all(group, (axis,), method_real=real.method, method_imaginary=imaginary.method)
+    on_axis, multiplicity = family.on_axis[family.shown], family.multiplicity[family.shown]
+    result.add_all(group, (axis,), on_axis=on_axis, multiplicity=multiplicity)
 
 
 def _add_pairs(result: Result, group: str, axis: str, family: RootFamily) -> None:
@@ -215,16 +210,8 @@ def _add_pairs(result: Result, group: str, axis: str, family: RootFamily) -> Non
 
 
 def _add_band(result: Result, group: str, band: ConfidenceBand, dims: tuple[str, ...], unit: str) -> None:
-    for name in ("value", "low", "high"):
-        result.add(f"{group}/{name}", getattr(band, name), dims, unit)
+    result.add_all(group, dims, unit, value=band.value, low=band.low, high=band.high)
     result.add(f"{group}/method", band.method, dims)
-
-
-def _grid(family: RootFamily) -> Array:
-    """Return frequencies around the poles."""
-    size = np.abs(family.reference.values)
-    size = size[size > 0] if size.any() else np.ones(1)
-    return np.geomspace(size.min() / _BEYOND_MODES, size.max() * _BEYOND_MODES, _GRID_LINES)
 
 
 GROUP = "identification/noise"
@@ -250,13 +237,11 @@ def add_noise(result: Result, posterior: Posterior) -> None:
     ]
     dims, unit = ("channel",), common_unit(channel.unit for channel in places)
     innovation = np.concatenate([colour.innovations(level) for colour, level in colours])
-    orders = np.concatenate([colour.orders for colour, _ in colours])
+    orders, shares = (np.concatenate([getattr(c, name) for c, _ in colours]) for name in ("orders", "shares"))
     result.add(f"{GROUP}/order", orders, dims)
     result.add_axis(f"{GROUP}/lag", np.arange(1, int(orders.max()) + 1))
     result.add(f"{GROUP}/coefficients", _rows([c.coefficients for c, _ in colours], 0.0), ("channel", "lag"))
-    result.add(f"{GROUP}/innovation", innovation, dims, unit)
-    shares = np.concatenate([colour.shares for colour, _ in colours])
-    result.add(f"{GROUP}/deviation", innovation / shares, dims, unit)
+    result.add_all(GROUP, dims, unit, innovation=innovation, deviation=innovation / shares)
     bic = _rows([np.zeros((len(c.orders), 1)) if c.bic is None else c.bic.T for c, _ in colours], np.nan)
     result.add_axis(f"{GROUP}/tried", np.arange(bic.shape[1]))
     result.add(f"{GROUP}/bic", bic, ("channel", "tried"))

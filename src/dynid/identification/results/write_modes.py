@@ -89,15 +89,7 @@ class _LeftOut(NamedTuple):
 
 
 def left_out(record: ModalRecord, eta: Array) -> _LeftOut:
-    """Predict each frequency with it left out; shapes stay.
-
-    Parameters
-    ----------
-    record
-        The measured modes, with the errors of the form that are stated.
-    eta
-        Coordinates of the estimate (p).
-    """
+    """Predict each frequency with it left out, from the estimate `eta` (p); shapes stay."""
     r, measured = record.measurement.modes, record.measurement.omega
     error, deviation, by_scatter = np.full((3, r), np.nan)
     bare = record.with_error(np.zeros(len(record.error)))
@@ -136,13 +128,6 @@ def trade_off(record: ModalRecord, eta: Array, rebuild: Rebuild | None) -> dict[
     """Return the fits to `frequencies` alone and to `shapes` alone, as far as these determine the parameters.
 
     Priors count in both, and so do damping ratios where they are measured.
-
-    Parameters
-    ----------
-    record, eta
-        As of `left_out`.
-    rebuild
-        Returns the model for parameters by name, where its basis follows them.
     """
     ends, channels = {}, [channel.name for channel in record.channels]
     for name, ignored in (("frequencies", "shape"), ("shapes", "frequency")):
@@ -180,12 +165,7 @@ class Direction:
 def directions(information: Information, prior: Array) -> list[Direction]:
     """Return combinations of parameters by how well the data determine them: singular vectors of J · prior.
 
-    Parameters
-    ----------
-    information
-        Of the data alone, without priors.
-    prior
-        Deviations of the priors of the coordinates (p).
+    `information`: of the data alone; `prior`: deviations of the priors of the coordinates (p).
     """
     _, s, Vt = np.linalg.svd(information.projected * prior, full_matrices=False)
     return [Direction(float(size), row) for size, row in zip(s, Vt, strict=True)]
@@ -206,20 +186,8 @@ def add_modes(
 ) -> Result:
     """Add measured and computed modes, and return the result.
 
-    Parameters
-    ----------
-    result
-        The result to add to.
-    posterior
-        The posterior of parameters, one of whose records is of modes.
-    full
-        The structure, not reduced.
-    at_start
-        The measured modes with the model at the starts.
-    rebuild
-        Returns the model for parameters by name, where its basis follows them.
-    needed
-        Errors of the form that the residuals would need, where the fit is rejected.
+    `full`: the structure, not reduced; `at_start`: the measured modes with the model at the starts;
+    `needed`: errors of the form that the residuals would need, where the fit is rejected.
     """
     if not result.wants_below(GROUP):
         return result
@@ -233,14 +201,11 @@ def add_modes(
     assert isinstance(after, ModalFit)
     measured, r = record.measurement, record.measurement.modes
     factor = 1 / angular_factor(measured.unit)
-    result.add_axis(f"{GROUP}/mode", np.arange(1, r + 1))
-    result.add_axis(
-        f"{GROUP}/quantity", np.array([channel.name for channel in record.channels], dtype=object)
-    )
-    dims = ("mode",)
-    result.add(f"{GROUP}/frequency_measured", factor * measured.omega, dims, measured.unit)
-    scatter = measured.deviations()
-    result.add(f"{GROUP}/frequency_std", factor * scatter[0] * measured.omega, dims, measured.unit)
+    quantities = [channel.name for channel in record.channels]
+    result.add_axes(GROUP, mode=np.arange(1, r + 1), quantity=quantities)
+    dims, frequency = ("mode",), factor * measured.omega
+    scatter = measured.deviations()[0] * frequency
+    result.add_all(GROUP, dims, measured.unit, frequency_measured=frequency, frequency_std=scatter)
     for suffix, fit in (("_start", before), ("", after)):
         result.add(f"{GROUP}/frequency{suffix}", factor * fit.omega, dims, measured.unit)
         result.add(f"{GROUP}/frequency_error{suffix}", fit.omega / measured.omega - 1, dims)
@@ -249,24 +214,22 @@ def add_modes(
             result.add(f"{GROUP}/damping{suffix}", fit.modes.damping, dims)
     if measured.has_damping:
         assert measured.damping is not None
-        result.add(f"{GROUP}/damping_measured", measured.damping, dims)
-        result.add(f"{GROUP}/damping_std", record.scatter_and_size[1][0], dims)
+        deviation = record.scatter_and_size[1][0]
+        result.add_all(GROUP, dims, damping_measured=measured.damping, damping_std=deviation)
     if len(measured.dofs):
         _add_shapes(result, record, before, after)
     if len(measured.dofs) and full.size * r <= _MOST_EXPANDED and result.wants(f"{GROUP}/expanded"):
-        result.add_axis(f"{GROUP}/dof", np.array([str(dof) for dof in full.dofs], dtype=object))
+        result.add_axis(f"{GROUP}/dof", [str(dof) for dof in full.dofs])
         for suffix, candidate, fit in (("_start", at_start, before), ("", record, after)):
             shapes = _expanded(candidate, fit)
             if len(shapes) == full.size:
                 result.add(f"{GROUP}/expanded{suffix}", shapes, ("dof", "mode"))
     squares, degrees = posterior.comparison.chi_squared
-    result.add(f"{GROUP}/chi2", squares)
-    result.add(f"{GROUP}/chi2_degrees", degrees)
-    result.add(f"{GROUP}/model_error", record.error, ("quantity",))
+    result.add_all(GROUP, chi2=squares, chi2_degrees=degrees)
+    floors = [getattr(measured.floors, name) for name in quantities]
+    result.add_all(GROUP, ("quantity",), model_error=record.error, scatter_floor=floors)
     if needed is not None:
         result.add(f"{GROUP}/model_error_needed", needed.error, ("quantity",))
-    floors = [getattr(measured.floors, channel.name) for channel in record.channels]
-    result.add(f"{GROUP}/scatter_floor", floors, ("quantity",))
     said = _add_leverage(result, posterior.comparison.tables[0], r)
     if len(posterior.likelihood.records) == 1:
         in_error = needed is not None or bool(record.error.any())
@@ -278,9 +241,8 @@ def add_modes(
 
 def _add_leverage(result: Result, table: ScatterTest, modes: int) -> list[str]:
     """Add how much of an error of each frequency the parameters absorb; return where it would not show."""
-    leverage = table.leverage[:modes, 0]
-    result.add(f"{GROUP}/frequency_leverage", leverage, ("mode",))
-    result.add(f"{GROUP}/frequency_studentised", table.studentised[:modes, 0], ("mode",))
+    leverage, studentised = table.leverage[:modes, 0], table.studentised[:modes, 0]
+    result.add_all(GROUP, ("mode",), frequency_leverage=leverage, frequency_studentised=studentised)
     absorbed = np.flatnonzero(leverage > ABSORBED)
     if not len(absorbed):
         return []
@@ -343,8 +305,7 @@ def _add_diagnosis(
         for name, end in trade_off(record, eta, rebuild).items():
             end_group = f"{group}/trade_off/{name}"
             result.add_axis(f"{end_group}/mode", np.arange(1, len(end.error) + 1))
-            result.add(f"{end_group}/frequency_error", end.error, ("mode",))
-            result.add(f"{end_group}/mac", end.mac, ("mode",))
+            result.add_all(end_group, ("mode",), frequency_error=end.error, mac=end.mac)
             rms = 100 * float(np.sqrt(np.mean(end.error**2)))
             said.append(
                 f"fitted to {name}{also} alone: RMS error of frequencies {rms:.2g} %, mean MAC "
@@ -365,22 +326,13 @@ def _add_directions(result: Result, posterior: Posterior) -> list[str]:
     information = posterior.likelihood.information(posterior.fit, posterior.noise, prior=False)
     combinations = directions(information, priors.spreads)
     labels = [combination.label(names) for combination in combinations]
-    result.add_axis(f"{directions_group}/direction", np.arange(1, len(combinations) + 1))
-    result.add_axis(f"{directions_group}/parameter", names)
-    result.add(
-        f"{directions_group}/strength", [combination.strength for combination in combinations], ("direction",)
+    result.add_axes(directions_group, direction=np.arange(1, len(combinations) + 1), parameter=names)
+    strengths, weights = zip(
+        *((direction.strength, direction.weights) for direction in combinations), strict=True
     )
-    result.add(
-        f"{directions_group}/weights",
-        np.array([combination.weights for combination in combinations]),
-        ("direction", "parameter"),
-    )
-    result.add(f"{directions_group}/label", np.array(labels, dtype=object), ("direction",))
-    determined = [
-        label
-        for combination, label in zip(combinations, labels, strict=True)
-        if combination.strength > DETERMINED
-    ]
+    result.add_all(directions_group, ("direction",), strength=strengths, label=np.array(labels, dtype=object))
+    result.add(f"{directions_group}/weights", weights, ("direction", "parameter"))
+    determined = [label for label, strength in zip(labels, strengths, strict=True) if strength > DETERMINED]
     than = "priors" if priors.has_prior.all() else "priors and limits" if priors.has_prior.any() else "limits"
     said = [
         f"the data determine {len(determined)} of {len(names)} combinations better than the {than}: "
@@ -394,9 +346,9 @@ def _add_directions(result: Result, posterior: Posterior) -> list[str]:
 def _add_shapes(result: Result, record: ModalRecord, before: ModalFit, after: ModalFit) -> None:
     """Add shapes at the sensors and their correlation."""
     measured = record.measurement
-    result.add_axis(f"{GROUP}/sensor", np.array([str(dof) for dof in measured.dofs], dtype=object))
     count = max(before.modes.mac.shape[1], after.modes.mac.shape[1])
-    result.add_axis(f"{GROUP}/computed", np.arange(1, count + 1))
+    sensors = [str(dof) for dof in measured.dofs]
+    result.add_axes(GROUP, sensor=sensors, computed=np.arange(1, count + 1))
     result.add(f"{GROUP}/shape_measured", measured.shapes, ("sensor", "mode"))
     if measured.complex_shapes:
         result.add(f"{GROUP}/complexity_measured", complexity(measured.shapes), ("mode",))
