@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 from dynid import native
 from dynid.errors import NumericalError, Singular, UsageError
-from dynid.structure import backends, factorisation
-from dynid.structure.backends import BACKENDS, available, backend_for
-from dynid.structure.factorisation import factorise
+from dynid.structure import backends
+from dynid.structure.backends import BACKENDS, Factorisation
+from dynid.structure.factorisation import backend_for, factorise
 from dynid.structure.modes import modes
 from dynid.structure.modes.sparse import eigenvalues_below, negative_eigenvalues
 
 from .pencils import grid, string
 
-INSTALLED = [name for name, there in available().items() if there]
+INSTALLED = [name for name, backend in BACKENDS.items() if not backend.missing()]
 
 
 @pytest.mark.parametrize("name", INSTALLED)
@@ -51,21 +51,20 @@ def test_backends_for_definite_matrices_say_so(name):
         factorise(-grid(5)[0], name, definite=True)
 
 
-class Faulty:
-    """A backend whose solutions are off."""
-
-    negative_eigenvalues, memory = 0, 0
-
-    def __init__(self, A, wrong):
-        self.A, self.wrong = A.toarray(), wrong
-
-    def solve(self, b):
-        x = np.linalg.solve(self.A, b)
-        return self.wrong(x)
-
-
 def fake(monkeypatch, wrong):
-    monkeypatch.setattr(factorisation, "bare", lambda A, _name, **_: Faulty(A, wrong))
+    """Let every backend return solutions that are off."""
+
+    class Faulty(Factorisation):
+        name, package, requirement = "splu", "scipy", "scipy"
+
+        def _factorise(self, *_, **__):
+            self.dense = self.matrix.toarray()
+
+        def _solve(self, b):
+            return wrong(np.linalg.solve(self.dense, b))
+
+    for name in BACKENDS:
+        monkeypatch.setitem(BACKENDS, name, Faulty)
 
 
 @pytest.mark.parametrize(
@@ -94,9 +93,9 @@ def test_one_step_of_refinement_is_taken_where_it_pays(monkeypatch):
 
 
 def test_backends_that_are_missing_are_named(monkeypatch):
-    absent = backends.Backend("no_such_package", "no-such-package", indefinite=True, factors=Faulty)
-    monkeypatch.setitem(BACKENDS, "pardiso", absent)
-    assert not available()["pardiso"]
+    monkeypatch.setattr(BACKENDS["pardiso"], "package", "no_such_package")
+    monkeypatch.setattr(BACKENDS["pardiso"], "requirement", "no-such-package")
+    assert BACKENDS["pardiso"].missing()
     with pytest.raises(UsageError, match="pardiso is not installed") as refusal:
         factorise(string(3)[0], "pardiso")
     assert "no-such-package" in refusal.value.remedy
@@ -180,7 +179,7 @@ def test_a_value_that_hits_an_eigenvalue_is_nudged():
 
 def test_the_backend_follows_the_size_and_what_is_installed(monkeypatch):
     def installed(package):
-        monkeypatch.setitem(BACKENDS, "pardiso", BACKENDS["pardiso"]._replace(package=package))
+        monkeypatch.setattr(BACKENDS["pardiso"], "package", package)
 
     monkeypatch.setenv(native.VARIABLE, "0")
     installed("numpy")  # is there
@@ -188,14 +187,14 @@ def test_the_backend_follows_the_size_and_what_is_installed(monkeypatch):
     installed("no_such_package")
     assert backend_for(10**6) == "splu"
     monkeypatch.delenv(native.VARIABLE)
-    monkeypatch.setitem(BACKENDS, "ldl", BACKENDS["ldl"]._replace(package="numpy"))
+    monkeypatch.setattr(BACKENDS["ldl"], "package", "numpy")
     assert backend_for(20_001, 81 * 20_001) == "ldl"
     installed("numpy")
     assert [backend_for(20_001, full * 20_001) for full in (54, 81)] == ["ldl", "pardiso"]
     assert backend_for(20_000, 81 * 20_000) == "ldl"
     monkeypatch.setenv(native.VARIABLE, "0")
     installed("no_such_package")
-    monkeypatch.setitem(BACKENDS, "ldl", BACKENDS["ldl"]._replace(package="dynid"))
+    monkeypatch.setattr(BACKENDS["ldl"], "package", "dynid")
     assert factorise(string(3)[0]).name == "splu"
     with pytest.raises(UsageError, match="ldl is not installed") as refusal:
         factorise(string(3)[0], "ldl")
@@ -203,7 +202,7 @@ def test_the_backend_follows_the_size_and_what_is_installed(monkeypatch):
 
 
 def test_a_matrix_that_superlu_cannot_count_is_refused(monkeypatch):
-    monkeypatch.setattr(backends._SuperLUFactors, "_FILL", 10**9)
+    monkeypatch.setattr(BACKENDS["splu"], "_FILL", 10**9)
     with pytest.raises(UsageError, match="too large for SuperLU") as refusal:
         factorise(string(3)[0], "splu")
     assert "dynid[solvers]" in refusal.value.remedy

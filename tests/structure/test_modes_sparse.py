@@ -9,14 +9,15 @@ from scipy.linalg import eigh
 
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure.assembly import Support
-from dynid.structure.backends import available, backend_for
+from dynid.structure.backends import BACKENDS
+from dynid.structure.factorisation import backend_for
 from dynid.structure.frame import beam
 from dynid.structure.modes import lanczos, modes, remembered_modes
 from dynid.structure.modes.sparse import SparseSpectrum
 
 from .pencils import free_string, grid, string
 
-INSTALLED = [name for name, there in available().items() if there]
+INSTALLED = [name for name, backend in BACKENDS.items() if not backend.missing()]
 
 
 def lowest(K, M=None, **asked):

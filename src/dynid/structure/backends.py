@@ -1,4 +1,4 @@
-"""Direct solvers of sparse symmetric matrices, by interchangeable backends; nothing is checked here.
+"""Factors of sparse symmetric matrices by interchangeable backends; all solutions are checked.
 
 `ldl` is the project's own (`native/ldl.c`), taken wherever the library of `dynid.native` is there; `splu`
 (SuperLU, of SciPy) is always available and pivots. `pardiso` and `cholespy` are other packages'. A backend
@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,66 +21,160 @@ from scipy.sparse import csc_array, csr_matrix, triu
 from scipy.sparse.linalg import SuperLU, splu
 
 from dynid.arrays import Array
-from dynid.defaults import BACKEND, FULL_ROWS, LARGE_MATRICES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.native import call, compiled
-from dynid.suggestions import did_you_mean
 
 Order: TypeAlias = NDArray[np.int32]
 
+# Backward error (normwise) above which a solution is refined, and above which it is refused.
+_FINE, _WORST = 1e-14, 1e-11
 # A pivot that is a smaller part of its column's largest entry is rounding, and has no sign.
 _ROUNDING = 2 * float(np.finfo(float).eps)
 
 
-class BareFactors(Protocol):
-    """Factors as a backend returns them, unchecked."""
+class Factorisation(ABC):
+    """A symmetric matrix with its factors, whose solutions are checked.
 
-    def solve(self, b: Array) -> Array:
-        """Solve A x = b for one right-hand side (n) or several (n x columns)."""
-        ...
+    Parameters
+    ----------
+    matrix
+        The matrix (n x n, csc, indices ascending).
+    definite
+        True of a positive definite matrix.
+    order
+        A good order of elimination (n), which a backend may ignore.
+    """
 
-    @property
-    def negatives(self) -> int | None:
-        """Number of negative pivots, hence of negative eigenvalues; None where the factors do not give it."""
-        ...
+    name: str
+    # The package that is imported, and its name for pip; False of a backend for definite matrices only.
+    package: str
+    requirement: str
+    indefinite = True
 
-    @property
-    def memory(self) -> int:
-        """Size of the factors, bytes; 0 where the backend does not report it."""
-        ...
+    def __init__(self, matrix: csc_array, *, definite: bool, order: Order | None = None) -> None:
+        self.matrix = matrix
+        self.size = float(np.asarray(abs(matrix).sum(axis=0)).max(initial=0.0))  # 1-norm
+        self._factorise(matrix, order, definite=definite)
+
+    @abstractmethod
+    def _factorise(self, A: csc_array, order: Order | None, *, definite: bool) -> None: ...
+
+    @abstractmethod
+    def _solve(self, b: Array) -> Array: ...
+
+    @classmethod
+    def missing(cls) -> bool:
+        """Return True where its package is not installed, or was without its library."""
+        return not compiled() if cls.package == "dynid" else find_spec(cls.package) is None
 
     @property
     def order(self) -> Order | None:
         """A good order of elimination (n) for matrices of the same pattern, or None."""
-        ...
+        return None
+
+    @property
+    def memory(self) -> int:
+        """Size of the factors, bytes; 0 where the backend does not report it."""
+        return 0
+
+    @property
+    def negatives(self) -> int | None:
+        """Number of negative pivots, hence of negative eigenvalues; None where the factors do not give it."""
+        return 0
+
+    @cached_property
+    def condition(self) -> float:
+        """A lower bound of the condition, sharp to a small factor: the growth of a random right-hand side."""
+        b, x = self._trial
+        return self.size * float(np.abs(self._improved(x, b)).max(initial=0.0) / np.abs(b).max(initial=1.0))
+
+    @property
+    def error(self) -> float:
+        """Backward error of the factors themselves: of a random right-hand side, without refinement."""
+        b, x = self._trial
+        return self._error(x, b, b - self.matrix @ x)
+
+    @cached_property
+    def _trial(self) -> tuple[Array, Array]:
+        """A random right-hand side and its solution, without refinement."""
+        b = np.random.Generator(np.random.PCG64(0)).standard_normal(self.matrix.shape[0])
+        return b, self._finite_solution(b)
+
+    def solve(self, b: Array) -> Array:
+        """Solve A x = b; the backward error is checked, and one step of refinement taken where it helps.
+
+        Parameters
+        ----------
+        b
+            One right-hand side (n) or several (n x columns).
+
+        Raises
+        ------
+        NumericalError
+            If the solution is wrong even then.
+        """
+        return self._improved(self._finite_solution(b), b)
+
+    def _improved(self, x: Array, b: Array) -> Array:
+        """Return a solution that is checked, and refined where that helps."""
+        residual = b - self.matrix @ x
+        error = self._error(x, b, residual)
+        if error > _FINE:
+            refined = x + self._finite_solution(residual)
+            closer = self._error(refined, b, b - self.matrix @ refined)
+            if closer < error:
+                x, error = refined, closer
+        if error > _WORST:
+            raise NumericalError(
+                f"the solutions of the factorisation backend {self.name} are wrong "
+                f"(relative residual {error:.1g} after a step of refinement)",
+                remedy="Use another backend; if all fail, the matrix is singular to rounding.",
+                names=(self.name,),
+            )
+        return x
+
+    def _finite_solution(self, b: Array) -> Array:
+        x = np.asarray(self._solve(b))
+        if not np.isfinite(x).all():
+            raise Singular(
+                f"the matrix is singular to rounding (backend {self.name})",
+                remedy="Look for DOFs without mass and stiffness, or shift the matrix.",
+            )
+        return x
+
+    def _error(self, x: Array, b: Array, residual: Array) -> float:
+        """Return the normwise backward error, the worst of the columns."""
+        left, solution, right = (np.abs(array).max(axis=0, initial=0.0) for array in (residual, x, b))
+        scale = self.size * solution + right
+        return float(np.max(left / np.where(scale > 0, scale, 1.0)))
 
 
-class _LDLFactors:
+class _LDL(Factorisation):
     """Factors L D Lᵀ of the library of `dynid.native`: own order of elimination, pivots on the diagonal."""
 
+    name, package, requirement = "ldl", "dynid", "dynid, where there is a C compiler"
     _handle = 0
     _UNSYMMETRIC = -1
 
-    def __init__(self, A: csc_array, *, definite: bool, order: Order | None = None) -> None:
+    def _factorise(self, A: csc_array, order: Order | None, *, definite: bool) -> None:
         n = A.shape[0]
-        self._matrix = A
         if n > np.iinfo(np.int32).max:
             raise UsageError(f"a matrix of {n:,} rows is too large: rows are counted by 32 bits")
-        stopped = self._factorise(A, order)
+        stopped = self._eliminate(A, order)
         if stopped == self._UNSYMMETRIC:  # entries of zero, or of rounding, on one side of the diagonal only
             both = csc_array((A + A.T) / 2)
             both.sort_indices()
             order = self.order
             call("dynid_ldl_free", self._handle)
             self._handle = 0
-            stopped = self._factorise(both, order)
+            stopped = self._eliminate(both, order)
         if stopped or (definite and self._pivots.min(initial=1.0) <= 0):
             raise Singular(
                 "the matrix is singular, or not positive definite" if definite else "a pivot is zero",
                 remedy="Look for DOFs without mass and stiffness, or shift the matrix.",
             )
 
-    def _factorise(self, A: csc_array, order: Order | None) -> int:
+    def _eliminate(self, A: csc_array, order: Order | None) -> int:
         """Return 0, or where a pivot is zero, or `_UNSYMMETRIC`."""
         n, starts = A.shape[0], A.indptr.astype(np.int64)
         indices, data = np.ascontiguousarray(A.indices, dtype=np.int32), np.ascontiguousarray(A.data)
@@ -87,14 +182,14 @@ class _LDLFactors:
         self._pivots = np.empty(n)
         return call("dynid_ldl_factorise", self._handle, starts, indices, data, self._pivots)
 
-    def solve(self, b: Array) -> Array:
+    def _solve(self, b: Array) -> Array:
         x = np.array(b, dtype=float, order="C")
         call("dynid_ldl_solve", self._handle, 1 if x.ndim == 1 else x.shape[1], x)
         return x
 
     @property
     def negatives(self) -> int | None:
-        return _negative(self._pivots, self._matrix)
+        return _negative(self._pivots, self.matrix)
 
     @property
     def memory(self) -> int:
@@ -102,7 +197,7 @@ class _LDLFactors:
 
     @property
     def order(self) -> Order:
-        order = np.empty(self._matrix.shape[0], dtype=np.int32)
+        order = np.empty(self.matrix.shape[0], dtype=np.int32)
         call("dynid_ldl_order", self._handle, order)
         return order
 
@@ -119,21 +214,23 @@ def _negative(pivots: Array, A: csc_array) -> int | None:
     return None if np.any(np.abs(pivots) <= _ROUNDING * sizes) else int(np.count_nonzero(pivots < 0))
 
 
-class _SuperLUFactors:
+class _SuperLU(Factorisation):
     """Factors of SuperLU: minimum degree on A + Aᵀ, pivots on the diagonal."""
+
+    name, package, requirement = "splu", "scipy", "scipy"
 
     # An off-diagonal pivot is taken only where the diagonal one is this much smaller.
     _THRESHOLD = 1e-3
     # SuperLU allocates this multiple of the entries at first, and counts it by 32 bits.
     _FILL = 30
 
-    def __init__(self, A: csc_array, *, definite: bool, order: Order | None = None) -> None:
+    def _factorise(self, A: csc_array, order: Order | None, *, definite: bool) -> None:
         if self._FILL * A.nnz > np.iinfo(np.int32).max:
             raise UsageError(
                 f"a matrix of {A.nnz:,} entries is too large for SuperLU, which counts by 32 bits",
                 remedy="Install dynid where there is a C compiler, or install dynid[solvers].",
             )
-        self._known = order
+        self._given_order = order
         if order is not None:
             A = A[order][:, order]
         try:
@@ -150,14 +247,14 @@ class _SuperLUFactors:
                 "the matrix is exactly singular",
                 remedy="Look for DOFs without mass and stiffness, or shift the matrix.",
             ) from None
-        self._matrix = A
+        self._ordered = A
 
-    def solve(self, b: Array) -> Array:
-        b = np.asarray(b, dtype=self._matrix.dtype)
-        if self._known is None:
+    def _solve(self, b: Array) -> Array:
+        b = np.asarray(b, dtype=self._ordered.dtype)
+        if self._given_order is None:
             return np.asarray(self._lu.solve(b))
         x = np.empty_like(b)
-        x[self._known] = self._lu.solve(b[self._known])
+        x[self._given_order] = self._lu.solve(b[self._given_order])
         return x
 
     @property
@@ -167,9 +264,9 @@ class _SuperLUFactors:
         Then P A Pᵀ = L U with unit L; A symmetric, so that U = D Lᵀ and D is congruent to A. A pivot that is
         rounding of its column has no sign.
         """
-        if self._matrix.dtype.kind == "c" or not np.array_equal(self._lu.perm_r, self._lu.perm_c):
+        if self._ordered.dtype.kind == "c" or not np.array_equal(self._lu.perm_r, self._lu.perm_c):
             return None
-        return _negative(self._lu.U.diagonal()[self._lu.perm_c], self._matrix)
+        return _negative(self._lu.U.diagonal()[self._lu.perm_c], self._ordered)
 
     @property
     def memory(self) -> int:
@@ -178,18 +275,17 @@ class _SuperLUFactors:
     @property
     def order(self) -> Order:
         inner_order = np.argsort(self._lu.perm_c).astype(np.int32)
-        return inner_order if self._known is None else self._known[inner_order]
+        return inner_order if self._given_order is None else self._given_order[inner_order]
 
 
-class _CholmodFactors:
+class _Cholmod(Factorisation):
     """Factors of CHOLMOD, through cholespy: positive definite matrices."""
 
-    negatives = 0
-    memory = 0
-    order = None
+    name = package = requirement = "cholespy"
+    indefinite = False
     _MOST_COLUMNS = 128  # of right-hand sides that cholespy takes at a time
 
-    def __init__(self, A: csc_array, *, definite: bool, order: Order | None = None) -> None:  # noqa: ARG002
+    def _factorise(self, A: csc_array, order: Order | None, *, definite: bool) -> None:  # noqa: ARG002
         from cholespy import CholeskySolverD, MatrixType
 
         try:
@@ -197,18 +293,20 @@ class _CholmodFactors:
         except (RuntimeError, ValueError) as error:
             raise Singular(f"the matrix is not positive definite (cholespy: {error})") from None
 
-    def solve(self, b: Array) -> Array:
+    def _solve(self, b: Array) -> Array:
         right = np.array(b, dtype=float, order="C")
         if right.ndim == 2 and right.shape[1] > self._MOST_COLUMNS:
             halves = np.array_split(right, -(-right.shape[1] // self._MOST_COLUMNS), axis=1)
-            return np.concatenate([self.solve(half) for half in halves], axis=1)
+            return np.concatenate([self._solve(half) for half in halves], axis=1)
         x = np.zeros_like(right)
         self._solver.solve(right, x)
         return x
 
 
-class _PardisoFactors:
+class _Pardiso(Factorisation):
     """Factors of PARDISO (Intel MKL), through pypardiso: LLᵀ, or LDLᵀ with Bunch–Kaufman pivots."""
+
+    name, package, requirement = "pardiso", "pypardiso", "pypardiso"
 
     _DEFINITE, _INDEFINITE = 2, -2
     _ANALYSE_AND_FACTORISE, _SOLVE, _RELEASE = 12, 33, -1
@@ -223,9 +321,8 @@ class _PardisoFactors:
         (34, 0),  # indices from 1
     )
     _NEGATIVES, _NOT_DEFINITE, _PERTURBED, _FACTOR_ENTRIES = 22, -4, 13, 17
-    order = None
 
-    def __init__(self, A: csc_array, *, definite: bool, order: Order | None = None) -> None:  # noqa: ARG002
+    def _factorise(self, A: csc_array, order: Order | None, *, definite: bool) -> None:  # noqa: ARG002
         _prepare_library()
         from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
 
@@ -247,7 +344,7 @@ class _PardisoFactors:
         self._solver.set_phase(phase)
         return np.asarray(self._solver._call_pardiso(self._upper, b))
 
-    def solve(self, b: Array) -> Array:
+    def _solve(self, b: Array) -> Array:
         return self._call(self._SOLVE, np.asfortranarray(b, dtype=float))
 
     @property
@@ -277,87 +374,7 @@ def _prepare_library() -> None:
     os.environ.setdefault("KMP_BLOCKTIME", "0")
 
 
-class Backend(NamedTuple):
-    """A backend: the package it imports, its name for pip, and if it takes indefinite matrices.
-
-    `factors` makes the factors of a matrix (csc, indices ascending), and takes the keywords `definite` and
-    `order`, a good order of elimination, which it may ignore.
-    """
-
-    package: str
-    requirement: str
-    indefinite: bool
-    factors: Callable[..., BareFactors]
-
-    @property
-    def missing(self) -> bool:
-        """True where its package is not installed, or was without its library."""
-        return not compiled() if self.package == "dynid" else find_spec(self.package) is None
-
-
-BACKENDS = {
-    "ldl": Backend("dynid", "dynid, where there is a C compiler", indefinite=True, factors=_LDLFactors),
-    "splu": Backend("scipy", "scipy", indefinite=True, factors=_SuperLUFactors),
-    "cholespy": Backend("cholespy", "cholespy", indefinite=False, factors=_CholmodFactors),
-    "pardiso": Backend("pypardiso", "pypardiso", indefinite=True, factors=_PardisoFactors),
+BACKENDS: dict[str, type[Factorisation]] = {
+    backend.name: backend for backend in (_LDL, _SuperLU, _Cholmod, _Pardiso)
 }
 """The backends by name."""
-
-
-def available() -> dict[str, bool]:
-    """Return for each backend if it is installed."""
-    return {name: not backend.missing for name, backend in BACKENDS.items()}
-
-
-def backend_for(size: int, entries: int = 0) -> str:
-    """Return the backend that a matrix is factorised by unless one is named.
-
-    Parameters
-    ----------
-    size
-        The number of its rows.
-    entries
-        The number of its entries; 0: unknown.
-    """
-    has_library = not BACKENDS[BACKEND.value].missing
-    large = size > LARGE_MATRICES.value and (not has_library or entries > FULL_ROWS.value * size)
-    if large and not BACKENDS["pardiso"].missing:
-        return "pardiso"
-    return BACKEND.value if has_library else "splu"
-
-
-def bare(A: csc_array, name: str, *, definite: bool, order: Order | None = None) -> BareFactors:
-    """Factorise with a backend.
-
-    Raises
-    ------
-    UsageError
-        If there is no such backend, it is not installed, or it does not take indefinite matrices.
-    """
-    if name not in BACKENDS:
-        raise UsageError(
-            f"there is no factorisation backend {name!r}{did_you_mean(name, BACKENDS)}",
-            remedy=f"Use one of {', '.join(BACKENDS)}.",
-            names=(name,),
-        )
-    backend = BACKENDS[name]
-    if backend.missing:
-        raise UsageError(
-            f"the factorisation backend {name} is not installed",
-            remedy=f"Install {backend.requirement}, or use splu, which is always there.",
-            names=(name,),
-        )
-    if np.iscomplexobj(A) and name != "splu":
-        raise UsageError(
-            f"the factorisation backend {name} takes real matrices only",
-            remedy="Of complex ones use splu.",
-            names=(name,),
-        )
-    if not (definite or backend.indefinite):
-        takes = ", ".join(alternative for alternative, its in BACKENDS.items() if its.indefinite)
-        raise UsageError(
-            f"the factorisation backend {name} takes positive definite matrices only",
-            remedy=f"Of indefinite ones use {takes}.",
-            names=(name,),
-        )
-    return backend.factors(A, definite=definite, order=order)

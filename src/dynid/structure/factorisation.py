@@ -1,116 +1,34 @@
-"""Direct factorisation of sparse symmetric matrices by one of several backends; all solutions are checked."""
+"""Direct factorisation of sparse symmetric matrices, by the backend that is named or fits the matrix."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csc_array, issparse
 
-from dynid.arrays import Array
-from dynid.errors import NumericalError, Singular, UsageError
-from dynid.structure.backends import BareFactors, Order, backend_for, bare
+from dynid.defaults import BACKEND, FULL_ROWS, LARGE_MATRICES
+from dynid.errors import Singular, UsageError
+from dynid.structure.backends import BACKENDS, Factorisation, Order
+from dynid.suggestions import did_you_mean
 
-# Backward error (normwise) above which a solution is refined, and above which it is refused.
-_FINE, _WORST = 1e-14, 1e-11
 # Backward error, without refinement, of factors without pivoting above which the matrix is pivoted.
 _UNPIVOTED = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
-class Factorisation:
-    """A symmetric matrix with its factors, whose solutions are checked.
+def backend_for(size: int, entries: int = 0) -> str:
+    """Return the backend that a matrix is factorised by unless one is named.
 
-    `name` is the backend's, `factors` are its bare factors, `size` is the 1-norm of the matrix.
+    Parameters
+    ----------
+    size
+        The number of its rows.
+    entries
+        The number of its entries; 0: unknown.
     """
-
-    name: str
-    matrix: csc_array
-    factors: BareFactors
-    size: float
-
-    @cached_property
-    def condition(self) -> float:
-        """A lower bound of the condition, sharp to a small factor: the growth of a random right-hand side."""
-        b, x = self._trial
-        return self.size * float(np.abs(self._improved(x, b)).max(initial=0.0) / np.abs(b).max(initial=1.0))
-
-    @property
-    def error(self) -> float:
-        """Backward error of the factors themselves: of a random right-hand side, without refinement."""
-        b, x = self._trial
-        return self._error(x, b, b - self.matrix @ x)
-
-    @cached_property
-    def _trial(self) -> tuple[Array, Array]:
-        """A random right-hand side and its solution, without refinement."""
-        b = np.random.Generator(np.random.PCG64(0)).standard_normal(self.matrix.shape[0])
-        return b, self._bare(b)
-
-    @property
-    def order(self) -> Order | None:
-        """The order of elimination (n), or None."""
-        return self.factors.order
-
-    @property
-    def memory(self) -> int:
-        """Size of the factors, bytes."""
-        return self.factors.memory
-
-    @property
-    def negatives(self) -> int | None:
-        """Number of negative eigenvalues (Sylvester's law of inertia), or None."""
-        return self.factors.negatives
-
-    def solve(self, b: Array) -> Array:
-        """Solve A x = b; the backward error is checked, and one step of refinement taken where it helps.
-
-        Parameters
-        ----------
-        b
-            One right-hand side (n) or several (n x columns).
-
-        Raises
-        ------
-        NumericalError
-            If the solution is wrong even then.
-        """
-        return self._improved(self._bare(b), b)
-
-    def _improved(self, x: Array, b: Array) -> Array:
-        """Return a solution that is checked, and refined where that helps."""
-        residual = b - self.matrix @ x
-        error = self._error(x, b, residual)
-        if error > _FINE:
-            refined = x + self._bare(residual)
-            closer = self._error(refined, b, b - self.matrix @ refined)
-            if closer < error:
-                x, error = refined, closer
-        if error > _WORST:
-            raise NumericalError(
-                f"the solutions of the factorisation backend {self.name} are wrong "
-                f"(relative residual {error:.1g} after a step of refinement)",
-                remedy="Use another backend; if all fail, the matrix is singular to rounding.",
-                names=(self.name,),
-            )
-        return x
-
-    def _bare(self, b: Array) -> Array:
-        x = np.asarray(self.factors.solve(b))
-        if not np.isfinite(x).all():
-            raise Singular(
-                f"the matrix is singular to rounding (backend {self.name})",
-                remedy="Look for DOFs without mass and stiffness, or shift the matrix.",
-            )
-        return x
-
-    def _error(self, x: Array, b: Array, residual: Array) -> float:
-        """Return the normwise backward error, the worst of the columns."""
-        columns = (np.abs(array).max(axis=0, initial=0.0) for array in (residual, x, b))
-        left, solution, right = columns
-        scale = self.size * solution + right
-        return float(np.max(left / np.where(scale > 0, scale, 1.0)))
+    has_library = not BACKENDS[BACKEND.value].missing()
+    large = size > LARGE_MATRICES.value and (not has_library or entries > FULL_ROWS.value * size)
+    if large and not BACKENDS["pardiso"].missing():
+        return "pardiso"
+    return BACKEND.value if has_library else "splu"
 
 
 def factorise(
@@ -137,7 +55,8 @@ def factorise(
     Raises
     ------
     UsageError
-        If the matrix is not sparse and square, or there is no such backend, or it is not installed.
+        If the matrix is not sparse and square, or there is no such backend, it is not installed, or does not
+        take complex or indefinite matrices.
     Singular
         If the matrix is singular, or not definite where it should be.
     NumericalError
@@ -151,16 +70,37 @@ def factorise(
     A.sort_indices()
     if not np.isfinite(A.data).all():
         raise UsageError("a matrix to be factorised has entries that are not finite numbers")
-    size = float(np.asarray(abs(A).sum(axis=0)).max(initial=0.0))
+    _check_backend(backend, definite=definite, real=not np.iscomplexobj(A))
     if backend == "ldl" and not definite:
         try:
-            factor = Factorisation(backend, A, bare(A, backend, definite=False, order=order), size)
+            factor = BACKENDS[backend](A, definite=False, order=order)
             if factor.error <= _UNPIVOTED:
                 _ = factor.condition
                 return factor
         except Singular:
             pass
         backend = "splu"
-    factor = Factorisation(backend, A, bare(A, backend, definite=definite, order=order), size)
+    factor = BACKENDS[backend](A, definite=definite, order=order)
     _ = factor.condition  # which is a checked solve
     return factor
+
+
+def _check_backend(name: str, *, definite: bool, real: bool) -> None:
+    """Refuse a backend that does not exist, is not installed, or does not take such matrices."""
+    backend = BACKENDS.get(name)
+    if backend is None:
+        problem = f"there is no factorisation backend {name!r}{did_you_mean(name, BACKENDS)}"
+        remedy = f"Use one of {', '.join(BACKENDS)}."
+    elif backend.missing():
+        problem = f"the factorisation backend {name} is not installed"
+        remedy = f"Install {backend.requirement}, or use splu, which is always there."
+    elif not real and name != "splu":
+        problem = f"the factorisation backend {name} takes real matrices only"
+        remedy = "Of complex ones use splu."
+    elif not (definite or backend.indefinite):
+        takes = ", ".join(alternative for alternative, its in BACKENDS.items() if its.indefinite)
+        problem = f"the factorisation backend {name} takes positive definite matrices only"
+        remedy = f"Of indefinite ones use {takes}."
+    else:
+        return
+    raise UsageError(problem, remedy=remedy, names=(name,))

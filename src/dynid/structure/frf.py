@@ -26,7 +26,7 @@ from dynid.structure.modes.pencil import scaled, times
 from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    from dynid.structure.factorisation import Factorisation
+    from dynid.structure.backends import Factorisation
     from dynid.structure.modes.pencil import Pencil
 
 

@@ -20,8 +20,8 @@ from scipy.sparse import csc_array
 from dynid.arrays import Array
 from dynid.errors import Diverged, NumericalError, Singular
 from dynid.number_format import frequency_text
-from dynid.structure.backends import BACKENDS, Order, backend_for
-from dynid.structure.factorisation import Factorisation, factorise
+from dynid.structure.backends import BACKENDS, Factorisation, Order
+from dynid.structure.factorisation import backend_for, factorise
 from dynid.structure.matrices import Matrix, combined, is_sparse
 from dynid.structure.modes.dense import by_windows
 from dynid.structure.modes.lanczos import largest
