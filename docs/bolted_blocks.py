@@ -36,10 +36,10 @@ from dynid.structure.labels import DIRECTIONS
 from dynid.structure.model import StructuralModel
 from dynid.structure.point_joints import PointJoint, components
 from dynid.structure.points import Point, with_points
+from dynid.structure.ports import Channel, Load
 from dynid.structure.reduction.methods import PartReduction, ReductionByParts
 from dynid.structure.reduction.mode_selection import Interest, ModeRange
 from dynid.structure.reduction.serep import JointAware
-from dynid.structure.response import Channel, Load
 from dynid.structure.solid import Material, SetSupport, solid
 from dynid.structure.solid_mesh import Block, SolidMesh
 

@@ -10,7 +10,8 @@ import dynid
 from dynid.errors import NumericalError
 from dynid.report.plot import BandLayer, Curve, PlotAxis, ReferenceLine, Subplot, chart, series_class
 from dynid.scene.kinds.structures import build_structure
-from dynid.structure.response import Channel, frequency_response
+from dynid.structure.ports import Channel
+from dynid.structure.response import frequency_response
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"

@@ -15,7 +15,7 @@ from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.measurement import Experiment, Measurement, RecordData
 from dynid.identification.residual_tests import autocorrelation, consistency, spectrum
 from dynid.identification.systems.prediction import Trajectory
-from dynid.structure.response import Channel
+from dynid.structure.ports import Channel
 from tests.identification.cases import VELOCITIES, diagnostic, parameter, run, simulated, suspension
 
 

@@ -5,10 +5,10 @@ import pytest
 import scipy.sparse as sp
 
 from dynid.errors import NumericalError, UsageError
-from dynid.structure.frf import Ports, frequency_response_functions
+from dynid.structure.frf import frequency_response_functions
 from dynid.structure.joints import Joint
 from dynid.structure.model import StructuralModel
-from dynid.structure.ports import Channel
+from dynid.structure.ports import Channel, Ports
 from dynid.structure.response import frequency_response
 
 from .pencils import free_string, grid, string

@@ -25,10 +25,9 @@ from dynid.identification.systems.parametric_model import Model, Rebuild
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import guarded
 from dynid.parameters import coordinates, named, rates, starts, truths, values
-from dynid.result import Result
+from dynid.result import Result, common_unit
 from dynid.structure.model import StructuralModel
 from dynid.structure.poles import PoleSensitivities, pole_sensitivities
-from dynid.structure.response import common_unit
 
 #: Noise over RMS that is assumed where nothing is known of it.
 NOMINAL_NOISE = 0.01

@@ -23,6 +23,7 @@ from dynid.lti.frequency_response import WORST_CONDITION, on_a_pole, second_orde
 from dynid.structure.matrices import Matrix, as_array, is_sparse
 from dynid.structure.modes.modes import modes
 from dynid.structure.modes.pencil import scaled, times
+from dynid.structure.ports import Ports
 from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
@@ -47,14 +48,6 @@ _INDEPENDENT = 1e-9
 
 
 _NOWHERE: Array = np.zeros(0)
-
-
-class Ports(NamedTuple):
-    """Force directions (n x inputs), displacement rows (outputs x n), and powers of i omega (outputs)."""
-
-    forces: Array
-    rows: Array
-    powers: list[int]
 
 
 class _FrequencyResponse(NamedTuple):

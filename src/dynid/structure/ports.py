@@ -166,10 +166,16 @@ def source_names(loads: Sequence[Load]) -> list[str]:
     ]
 
 
-def ports(
-    model: StructuralModel, inputs: Sequence[Label], outputs: Sequence[Channel]
-) -> tuple[Array, Array, list[int]]:
-    """Return force directions (n x inputs), displacement rows (outputs x n) and derivative orders.
+class Ports(NamedTuple):
+    """Force directions (n x inputs), displacement rows (outputs x n), and powers of i omega (outputs)."""
+
+    forces: Array
+    rows: Array
+    powers: list[int]
+
+
+def ports(model: StructuralModel, inputs: Sequence[Label], outputs: Sequence[Channel]) -> Ports:
+    """Return the directions of forces at DOFs, and the rows and derivative orders of channels.
 
     Raises
     ------
@@ -178,4 +184,4 @@ def ports(
     """
     forces = np.array([model.row(dof) for dof in inputs]).reshape(len(inputs), model.size).T
     rows = np.array([channel.row(model) for channel in outputs]).reshape(len(outputs), model.size)
-    return forces, rows, [channel.order for channel in outputs]
+    return Ports(forces, rows, [channel.order for channel in outputs])

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.progress import report_progress
-from dynid.result import Result
+from dynid.result import Result, common_unit
 from dynid.structure import correlation
-from dynid.structure.frf import Ports, frequency_response_functions
+from dynid.structure.frf import frequency_response_functions
 from dynid.structure.labels import Label
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
@@ -25,7 +25,6 @@ from dynid.structure.modes import ModeMemory, Modes, modes, remembered_modes
 from dynid.structure.ports import Channel, ports, response_units
 from dynid.structure.reduction.methods import Reductor
 from dynid.structure.reduction.reduced_model import StructuralReduction
-from dynid.structure.response import common_unit
 
 _PROCESS = Path("/proc/self")
 
@@ -208,7 +207,7 @@ def _add_responses(
 
 
 def _response(model: StructuralModel, asked: RequestedResponses) -> NDArray[np.complex128]:
-    where = Ports(*ports(model, asked.inputs, asked.outputs))
+    where = ports(model, asked.inputs, asked.outputs)
     return frequency_response_functions(*model.with_joints(), where, asked.omega).response
 
 

@@ -11,22 +11,10 @@ from dynid.lti.floating import guarded
 from dynid.lti.time_response import propagate
 from dynid.result import Result, common_unit
 from dynid.structure.excitation import drive, inputs_of, signals_of, starting_state
-from dynid.structure.frf import Ports, frequency_response_functions
+from dynid.structure.frf import frequency_response_functions
 from dynid.structure.labels import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.ports import UNITS, Channel, Load, ports, response_units, source_names
-
-__all__ = [
-    "UNITS",
-    "Channel",
-    "Load",
-    "common_unit",
-    "frequency_response",
-    "ports",
-    "response_units",
-    "source_names",
-    "time_response",
-]
+from dynid.structure.ports import Channel, Load, ports, response_units, source_names
 
 
 @guarded("the frequency response")
@@ -74,7 +62,7 @@ def frequency_response(
     UsageError
         If a DOF or quantity does not exist or an unknown parameter has no value.
     """
-    where = Ports(*ports(model, inputs, outputs))
+    where = ports(model, inputs, outputs)
     w = np.atleast_1d(np.asarray(omega, dtype=float))
     response = frequency_response_functions(
         *model.with_joints(values), where, w, method=method, accuracy=accuracy

@@ -55,7 +55,7 @@ def case(samples: int, seed: int = 1) -> SuspensionRecord:
     from dynid.structure.joints import Joint, JointParameter
     from dynid.structure.lumped import Link, lumped
     from dynid.structure.matrices import as_array
-    from dynid.structure.response import Channel, Load
+    from dynid.structure.ports import Channel, Load
 
     joints = [
         Joint(name, dofs, JointParameter(start=1e4, true=2e4), JointParameter(start=10.0, true=20.0))

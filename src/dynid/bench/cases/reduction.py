@@ -113,7 +113,7 @@ def _record(omega: Sequence[float], samples: int, settle: float) -> tuple[Any, A
     from dynid.identification.records.measurement import Measurement
     from dynid.identification.records.simulation import Simulation
     from dynid.lti.signals import Multisine
-    from dynid.structure.response import Channel, Load
+    from dynid.structure.ports import Channel, Load
 
     loads = [Load(_DRIVEN, Multisine([100.0] * len(omega), list(omega)))]
     channels = tuple(Channel(dof, "velocity") for dof in _SENSORS)

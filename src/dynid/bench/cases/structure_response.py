@@ -38,7 +38,7 @@ def _plate() -> _Plate:
     from scipy.sparse import csc_array
 
     from dynid.bench.meshes import deflections, plate
-    from dynid.structure.frf import Ports
+    from dynid.structure.ports import Ports
 
     side = round((_DOFS / 3) ** 0.5)
     K, M = plate(side)

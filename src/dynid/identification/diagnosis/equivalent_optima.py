@@ -39,7 +39,7 @@ from dynid.identification.systems.parametric_model import Model, system_of
 from dynid.lti.floating import guarded
 from dynid.parameters import named
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel
+from dynid.structure.ports import Channel
 
 #: Difference of the logarithm of the posterior from which it decides: odds of 150 to 1.
 DECIDED = 5.0

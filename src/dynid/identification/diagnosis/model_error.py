@@ -17,10 +17,9 @@ from dynid.arrays import Array
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.statistics import root_mean_square
 from dynid.parameters import Parameter, named, rates, values
-from dynid.result import Result
+from dynid.result import Result, common_unit
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import common_unit
 from dynid.structure.state_space import without_massless
 
 # Most DOFs of a full model as the reference; of a larger one so many times the reduced coordinates.

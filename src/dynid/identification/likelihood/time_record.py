@@ -52,7 +52,7 @@ from dynid.identification.systems.prediction import (
 )
 from dynid.lti.recurrence import recurrence
 from dynid.parameters import rates, starts, values
-from dynid.structure.response import Channel
+from dynid.structure.ports import Channel
 
 # The prior lets every channel be this many times larger than measured.
 _PRIOR_WIDTH = 10.0

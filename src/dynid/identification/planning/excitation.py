@@ -29,11 +29,11 @@ from dynid.identification.systems.prediction import free_prediction, prediction
 from dynid.lti.signals import Impulse, Multisine, Signal, Sine
 from dynid.number_format import frequency_text
 from dynid.parameters import rates
-from dynid.result import Result
+from dynid.result import Result, common_unit
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
-from dynid.structure.response import Load, common_unit
+from dynid.structure.ports import Load
 
 # Poles below this part of the largest are at zero.
 _ZERO_POLE_TOL = 1e-9

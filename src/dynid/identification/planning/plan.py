@@ -31,11 +31,11 @@ from dynid.identification.systems.prediction import free_prediction, prediction
 from dynid.lti.floating import guarded
 from dynid.number_format import counted
 from dynid.progress import report_progress
-from dynid.result import Result
+from dynid.result import Result, common_unit
 from dynid.structure import labels
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import UNITS, Channel, common_unit
+from dynid.structure.ports import UNITS, Channel
 
 # The variable that all bonds of a junction share.
 _COMMON: dict[str, Literal["e", "f"]] = {"0": "e", "1": "f"}

@@ -17,7 +17,7 @@ from dynid.identification.records.simulation import Simulation, check_finite, pe
 from dynid.identification.statistics import root_mean_square
 from dynid.lti.signals import Random, RecordTimes, WhiteNoise
 from dynid.structure.matrices import Label
-from dynid.structure.response import Channel
+from dynid.structure.ports import Channel
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from dynid.identification.records.measurement import Experiment, sampled_loads
 from dynid.identification.records.noise import ColouredNoise
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Sampled, Step
-from dynid.structure.response import Load
+from dynid.structure.ports import Load
 
 # Remainder of a filter's response where the ends of a record are cut off.
 _FILTER_REMAINDER = 1e-5

@@ -50,8 +50,7 @@ from dynid.identification.likelihood.frf_record import FrfRecord
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.noise import Autoregression
 from dynid.identification.systems.linear_system import LinearSystem
-from dynid.result import Result
-from dynid.structure.response import common_unit
+from dynid.result import Result, common_unit
 
 #: Group of the derived quantities.
 DERIVED = "identification/derived"

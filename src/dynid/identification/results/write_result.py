@@ -91,10 +91,10 @@ from dynid.identification.residual_tests import (
 from dynid.identification.results.write_derived import DERIVED, DerivedRequest, add_derived, add_noise
 from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.parameters import rates, starts, values
-from dynid.result import REJECTED, Result
+from dynid.result import REJECTED, Result, common_unit
 from dynid.structure.correlation import frac
 from dynid.structure.excitation import inputs_of
-from dynid.structure.response import common_unit, source_names
+from dynid.structure.ports import source_names
 
 _PARAMETERS, _STAGES = "identification/parameters", "identification/stages"
 _DIAGNOSTICS = "identification/diagnostics"

@@ -17,7 +17,7 @@ from dynid.arrays import Array
 from dynid.parameters import Parameter
 from dynid.structure.matrices import Matrix, as_array
 from dynid.structure.model import StructuralModel, Term
-from dynid.structure.response import Channel
+from dynid.structure.ports import Channel
 
 # Most masses, springs or sensors that are taken one by one; DOFs beyond which none are.
 _MAX_PARTS, _MAX_DOFS = 24, 400

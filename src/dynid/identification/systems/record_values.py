@@ -21,7 +21,7 @@ from dynid.parameters import true_values
 from dynid.structure.excitation import drive, signals_of, starting_state
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel
+from dynid.structure.ports import Channel
 
 
 def data(

@@ -24,7 +24,7 @@ from dynid.structure.dynamic_condensation import ActiveCoordinates, CondensedLin
 from dynid.structure.excitation import Excitation, base_slopes, drive, prescribed_state, signals_of
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from dynid.structure.state_space import massless_motion
 
 

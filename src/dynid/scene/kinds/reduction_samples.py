@@ -47,9 +47,9 @@ from dynid.scene.schema.raw import read_names
 from dynid.scene.schema.reduction import ReductionScene
 from dynid.scene.yaml.source import path_of, set_values
 from dynid.structure.correlation import frac
-from dynid.structure.frf import Ports, direct
+from dynid.structure.frf import direct
 from dynid.structure.matrices import as_array
-from dynid.structure.ports import ports
+from dynid.structure.ports import Ports, ports
 from dynid.structure.reduction.stacked_choices import Choice
 from dynid.structure.reduction.stacked_methods import StackedEnergies, StackedReduction, compared, stacked
 from dynid.structure.reduction.stacked_modes import Stack
