@@ -107,7 +107,7 @@ def _places(name: str, model: StructuralModel, ports: Mapping[str, Label]) -> di
 
 def _squares(name: str, model: StructuralModel, letter: str, reading: Reading) -> list[Square]:
     """Return mass, damping or stiffness, joints included, as squares."""
-    if letter == "C" and model.modal is not None:
+    if letter == "C" and model.modal:
         raise UsageError(
             f"the modal damping of '{name}' depends on unknown parameters through its modes; a bond graph "
             "has no element for it",

@@ -19,7 +19,7 @@ from dynid.defaults import DENSE_STRUCTURES
 from dynid.errors import UsageError
 from dynid.number_format import counted
 from dynid.parameters import Parameter
-from dynid.structure.damping import ModalDamping, ModalPart, ModalSum, ProportionalDamping
+from dynid.structure.damping import ModalDamping, ModalPart, ProportionalDamping
 from dynid.structure.joints import Joint
 from dynid.structure.labels import Label, Node, Nodes
 from dynid.structure.matrices import DependentMatrix, Matrix, as_array
@@ -172,7 +172,7 @@ def damped_structure(
     translations: bool = False,
 ) -> StructuralModel:
     """Return the structure of matrices that may depend on parameters, its damping C and that of `damping`."""
-    modal = None
+    modal: tuple[ModalPart, ...] = ()
     if damping is not None:
         of_modes, modal = damping.of(M, K)
         C = C + of_modes
@@ -288,20 +288,19 @@ def assembled_parts(
 
     matrices: dict[str, Any] = {}
     terms: list[Term] = []
-    modal: list[ModalPart | ModalSum] = []
+    modal: list[ModalPart] = []
     for model, start in zip(parts.values(), starts.tolist(), strict=True):
         for letter in "MCK":
             block: Any = placed(getattr(model, letter), start)
             matrices[letter] = matrices[letter] + block if letter in matrices else block
         terms += [term._replace(matrix=placed(term.matrix, start)) for term in model.terms]
-        if model.modal is not None:
-            modal.append(model.modal.projected(np.eye(model.size, n, k=start)))
+        modal += [part.projected(np.eye(model.size, n, k=start)) for part in model.modal]
     return StructuralModel(
         **matrices,
         dofs=tuple(part_name(name, label) for name, model in parts.items() for label in model.dofs),
         parameters=tuple(parameters),
         terms=tuple(terms),
-        modal=ModalSum(tuple(modal)) if modal else None,
+        modal=tuple(modal),
         nodes=_nodes({name: model.nodes for name, model in parts.items() if model.nodes is not None}),
         motions={
             part_name(name, motion): {part_name(name, label): weight for label, weight in weights.items()}

@@ -46,9 +46,9 @@ class ProportionalDamping:
             if not (math.isfinite(float(value)) and float(value) >= 0):
                 raise UsageError(f"{name} of the damping must be finite and not negative")
 
-    def of(self, M: DependentMatrix, K: DependentMatrix) -> tuple[DependentMatrix, None]:
-        """Return C, and None: it depends on parameters by its terms alone."""
-        return (M.times(self.alpha) + K.times(self.beta)).merged(), None
+    def of(self, M: DependentMatrix, K: DependentMatrix) -> tuple[DependentMatrix, tuple[()]]:
+        """Return C, which depends on parameters by its terms alone."""
+        return (M.times(self.alpha) + K.times(self.beta)).merged(), ()
 
     def matrix(self, M: Matrix, K: Matrix) -> Matrix:
         """Return C (n x n) at the reference values of parameters."""
@@ -73,19 +73,19 @@ class ModalDamping:
     def _listed(self) -> list[Real]:
         return list(self.ratio) if isinstance(self.ratio, Sequence | np.ndarray) else [self.ratio]
 
-    def of(self, M: DependentMatrix, K: DependentMatrix) -> tuple[DependentMatrix, ModalPart | None]:
+    def of(self, M: DependentMatrix, K: DependentMatrix) -> tuple[DependentMatrix, tuple[ModalPart, ...]]:
         """Return C, and what it depends on otherwise than by its terms: the modes, where M or K do."""
         C = self.matrix(M.reference, K.reference)
         if M.terms or K.terms:
-            return DependentMatrix(C), ModalPart(self, M, K)
+            return DependentMatrix(C), (ModalPart(self, M, K),)
         if not any(isinstance(ratio, Dependent) for ratio in self._listed):
-            return DependentMatrix(C), None
+            return DependentMatrix(C), ()
         omega, momentum = _all_modes(as_array(M.constant), as_array(K.constant))
         total = DependentMatrix(np.zeros_like(C))
         for which, ratio in self._of_modes(len(omega)):
             pattern = (momentum[:, which] * (2 * omega[which])) @ momentum[:, which].T
             total = total + DependentMatrix((pattern + pattern.T) / 2).times(ratio)
-        return total.merged(), None
+        return total.merged(), ()
 
     def matrix(self, M: Matrix, K: Matrix, values: Mapping[str, float] | None = None) -> Array:
         """Return C (n x n); `values` of the parameters on which the ratios depend, default: reference values.
@@ -198,34 +198,6 @@ class ModalPart:
 
     def _seen(self, C: Array) -> Array:
         return C if self.T is None else np.asarray(self.T.T @ C @ self.T)
-
-
-@dataclass(frozen=True, eq=False)
-class ModalSum:
-    """Modal damping of several parts of one structure, each with modes of its own."""
-
-    parts: tuple[ModalPart | ModalSum, ...]
-
-    @property
-    def names(self) -> frozenset[str]:
-        """The names of the parameters that it depends on."""
-        return frozenset().union(*(term.names for term in self.parts))
-
-    def projected(self, T: Array) -> ModalSum:
-        """Return the sum in coordinates q with ``x = T q``."""
-        return ModalSum(tuple(term.projected(T) for term in self.parts))
-
-    def change(self, values: Mapping[str, float]) -> Array:
-        """Return the change of C (n x n) from the reference values of the parameters."""
-        return np.asarray(sum(term.change(values) for term in self.parts))
-
-    def slopes(self, values: Mapping[str, float]) -> dict[str, Array]:
-        """Return the derivatives of C (n x n) by the values of parameters, as `ModalDamping.slopes`."""
-        slopes_by_name: dict[str, Array] = {}
-        for term in self.parts:
-            for name, slope in term.slopes(values).items():
-                slopes_by_name[name] = slopes_by_name[name] + slope if name in slopes_by_name else slope
-        return slopes_by_name
 
 
 def _modal(pattern: Matrix, shapes: Array, momentum: Array, letter: str) -> tuple[Array, Array]:

@@ -197,7 +197,7 @@ def has_damping(model: StructuralModel) -> bool:
     """Return True if a structure has damping, known or unknown."""
     C = model.with_known_joints()[1]
     entries = C.data if is_sparse(C) else C
-    if np.any(entries) or model.modal is not None:
+    if np.any(entries) or model.modal:
         return True
     return any(term.letter == "C" for term in (*model.terms, *model.joint_terms)) or any(
         unknown.name.endswith(".c") for unknown in model.joint_unknowns

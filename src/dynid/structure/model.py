@@ -19,7 +19,7 @@ from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.parameters import Parameter, true_values
 from dynid.structure import labels
-from dynid.structure.damping import ModalPart, ModalSum
+from dynid.structure.damping import ModalPart
 from dynid.structure.joints import Joint, unit_of
 from dynid.structure.labels import Label, Nodes
 from dynid.structure.matrices import Matrix, as_array, as_matrix, check_semidefinite, congruent, is_sparse
@@ -97,7 +97,7 @@ class StructuralModel(NamedDofs):
     terms
         The parts of M, C and K that depend on them. M, C and K contain them at the reference values.
     modal
-        Modal damping, where the modes depend on them; C contains it at the reference values.
+        Modal damping of parts whose modes depend on them; C contains it at the reference values.
     nodes
         The nodes, where they are known; in a reduced model those of the full one.
     motions
@@ -120,7 +120,7 @@ class StructuralModel(NamedDofs):
     basis: Basis | None = None
     parameters: tuple[Parameter, ...] = ()
     terms: tuple[Term, ...] = ()
-    modal: ModalPart | ModalSum | None = None
+    modal: tuple[ModalPart, ...] = ()
     nodes: Nodes | None = None
     motions: Mapping[str, Motion] = field(default_factory=dict)
     translations: bool = False
@@ -192,7 +192,7 @@ class StructuralModel(NamedDofs):
         """
         M, C, K = (congruent(T, matrix) for matrix in (self.M, self.C, self.K))
         terms = tuple(term._replace(matrix=_projected_pattern(term, T, rigid)) for term in self.terms)
-        modal = None if self.modal is None else self.modal.projected(T)
+        modal = tuple(part.projected(T) for part in self.modal)
         basis = Basis(T, self, tuple(rigid))
         return StructuralModel(
             M, C, K, self.joints, tuple(dofs), basis, self.parameters, terms, modal, self.nodes, self.motions
@@ -226,11 +226,10 @@ class StructuralModel(NamedDofs):
     @cached_property
     def names(self) -> frozenset[str]:
         """The names of all parameters on which the matrices depend, known or unknown."""
-        numbers = [coefficient for _, coefficient, _ in self.terms]
+        numbers: list[Dependent | ModalPart] = [*self.modal, *(term.coefficient for term in self.terms)]
         for joint in self.joints:
             numbers += [coefficient for term in joint.terms for coefficient, _ in term.product.terms]
-        modal = frozenset[str]() if self.modal is None else self.modal.names
-        return modal.union(*(number.names for number in numbers))
+        return frozenset().union(*(number.names for number in numbers))
 
     @cached_property
     def joint_terms(self) -> tuple[Term, ...]:
@@ -258,8 +257,8 @@ class StructuralModel(NamedDofs):
             change = term.coefficient.at(parameter_values).value - float(term.coefficient)
             if change:
                 sums[term.letter] = sums[term.letter] + change * term.matrix
-        if self.modal is not None:
-            sums["C"] = sums["C"] + self._stored(self.modal.change(parameter_values))
+        for part in self.modal:
+            sums["C"] = sums["C"] + self._stored(part.change(parameter_values))
         return sums["M"], sums["C"], sums["K"]
 
     @guarded("the sum of mass, stiffness or damping at a DOF", UsageError)
@@ -327,9 +326,8 @@ class StructuralModel(NamedDofs):
             for term in (*self.joint_terms, *self.terms)
             for name, rate in term.coefficient.at(values).slopes.items()
         ]
-        if self.modal is not None:
-            changes = self.modal.slopes(values)
-            parts += [(name, "C", self._stored(change)) for name, change in changes.items()]
+        for part in self.modal:
+            parts += [(name, "C", self._stored(change)) for name, change in part.slopes(values).items()]
         for name, letter, component in parts:
             if name in by_name:
                 slopes_of_name = by_name[name]
@@ -349,7 +347,7 @@ class StructuralModel(NamedDofs):
     def affine(self) -> bool:
         """True if every unknown parameter is the factor of stiffness and damping matrices, and of no mass."""
         unknown = {parameter.name for parameter in self.unknowns}
-        return self.modal is None and all(
+        return not self.modal and all(
             term.letter != "M" and term.coefficient.is_multiple
             for term in (*self.joint_terms, *self.terms)
             if not unknown.isdisjoint(term.coefficient.names)

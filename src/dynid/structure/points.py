@@ -341,7 +341,7 @@ def _condensed(
         **{letter: congruent(T, getattr(model, letter)) for letter in "MCK"},
         dofs=tuple(labels),
         terms=tuple(term._replace(matrix=congruent(T, term.matrix)) for term in model.terms),
-        modal=None if model.modal is None else model.modal.projected(T),
+        modal=tuple(part.projected(T) for part in model.modal),
         nodes=nodes,
         motions=motions,
     )

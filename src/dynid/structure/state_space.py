@@ -262,7 +262,7 @@ def without_massless(model: StructuralModel, dofs: Sequence[Label]) -> Structura
     kept = np.setdiff1d(np.arange(model.size), empty)
     others = tuple(joint for joint in model.joints if joint not in there)
     terms = (term._replace(matrix=as_array(term.matrix)[np.ix_(kept, kept)]) for term in model.terms)
-    modal = None if model.modal is None else model.modal.projected(np.eye(model.size)[:, kept])
+    modal = tuple(part.projected(np.eye(model.size)[:, kept]) for part in model.modal)
     return replace(
         model, M=mass, C=C[np.ix_(kept, kept)], K=stiffness, joints=others,
         dofs=tuple(model.dofs[at] for at in kept), terms=tuple(terms), modal=modal,

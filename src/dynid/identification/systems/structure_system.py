@@ -278,9 +278,9 @@ class StructureSystem(LinearSystem):
         """Return the lines condensed to what unknown parameters act on; None where that does not pay."""
         key = omega.tobytes(), tuple(pairs)
         if self._lines is None or self._lines[0] != key:
-            unknown_names, modal = {unknown.name for unknown in self.unknowns}, self.model.modal
+            unknown_names = {unknown.name for unknown in self.unknowns}
             lines = None
-            if modal is None or unknown_names.isdisjoint(modal.names):
+            if all(unknown_names.isdisjoint(part.names) for part in self.model.modal):
                 matrices = self.model.dense(_references(self.model))
                 terms = (*self.model.joint_terms, *self.model.terms)
                 acting = [

@@ -167,7 +167,7 @@ class ReductionSamples:
             if self._responding or any(group == name for group, _ in requested)
         }
         damped = self._responding or any("damping" in array for _, array in requested)
-        if damped and self._structure.modal is not None:
+        if damped and self._structure.modal:
             raise NotShared("modal damping is computed sample by sample")
         self._methods = {name: stacked(located[name].method, self._structure) for name in self._names}
         self._check(reference, exemplar.values)
