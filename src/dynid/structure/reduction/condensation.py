@@ -18,7 +18,7 @@ from dynid.errors import Singular, UsageError
 from dynid.lti.floating import guarded
 from dynid.number_format import frequency_text
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Matrix, is_sparse
+from dynid.structure.matrices import Matrix, combined, is_sparse
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.pencil import StrainEnergy
 from dynid.structure.reduction.masters import Indices, Masters, masters_alone
@@ -39,21 +39,26 @@ _REFINEMENTS = 5
 
 
 class Partition(NamedTuple):
-    """Masters (m) and slaves (s) of a structure, by index."""
+    """A cut of `size` DOFs (n) into masters (m) and slaves (s), by index; also of stacks of matrices."""
 
-    model: StructuralModel
+    size: int
     masters: Indices
     slaves: Indices
 
-    @property
-    def labels(self) -> tuple[Label, ...]:
-        """Labels of the masters."""
-        return tuple(self.model.dofs[k] for k in self.masters)
+    @classmethod
+    def at(cls, masters: Sequence[int] | Indices, size: int) -> Partition:
+        """Cut structures of `size` DOFs at their masters."""
+        return cls(size, np.array(masters), np.setdiff1d(np.arange(size), masters))
+
+    def labels(self, model: StructuralModel) -> tuple[Label, ...]:
+        """Return the labels of the masters."""
+        return tuple(model.dofs[k] for k in self.masters)
 
     def coupling(self, matrix: Matrix) -> Array:
         """Return the slaves' rows at the masters' columns (s x m), dense."""
-        block = matrix[:, self.masters][self.slaves]
-        return block if isinstance(block, np.ndarray) else block.toarray()
+        if is_sparse(matrix):
+            return matrix[:, self.masters][self.slaves].toarray()
+        return np.asarray(matrix[..., self.slaves[:, None], self.masters])
 
     def inner(self, matrix: Matrix) -> Matrix:
         """Return the slaves' rows at the slaves' columns (s x s)."""
@@ -61,20 +66,12 @@ class Partition(NamedTuple):
         block: Matrix = rows[self.slaves]
         return block
 
-    def basis(self, slaves: Array, modes: Array | None = None) -> Array:
-        """Return T (n x (m + k)), unit at the masters, from rows of slaves (s x m) and modes (s x k)."""
-        m = len(self.masters)
-        T = np.zeros((self.model.size, m + (0 if modes is None else modes.shape[1])))
-        T[self.masters, np.arange(m)] = 1.0
-        T[self.slaves, :m] = slaves
-        if modes is not None:
-            T[self.slaves, m:] = modes
+    def basis(self, slaves: Array) -> Array:
+        """Return T (n x (m + k)), unit at the masters, from rows of the slaves (s x (m + k))."""
+        T = np.zeros((*slaves.shape[:-2], self.size, slaves.shape[-1]))
+        T[..., self.masters, np.arange(len(self.masters))] = 1.0
+        T[..., self.slaves, :] = slaves
         return T
-
-
-def partition(model: StructuralModel, masters: Indices) -> Partition:
-    """Cut a structure at its masters."""
-    return Partition(model, masters, np.setdiff1d(np.arange(model.size), masters))
 
 
 class CheckedSolver(NamedTuple):
@@ -163,11 +160,8 @@ def _sparse(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]
 
 
 @dataclass(frozen=True)
-class Guyan:
-    """Static condensation: slaves follow the masters without inertia, ``x_s = -K_ss^-1 K_sm x_m``.
-
-    Exact at rest, for loads on the masters. Joints that are known are part of the stiffness, others are not;
-    for joints between masters this makes no difference.
+class OnMasters:
+    """A reduction on masters, DOFs that stay coordinates.
 
     Parameters
     ----------
@@ -178,62 +172,52 @@ class Guyan:
     """
 
     masters: Sequence[Label] | Masters | None = None
-    interest: Interest = field(default_factory=Interest)
+    interest: Interest = field(default_factory=Interest, kw_only=True)
 
-    @guarded("the static condensation")
-    def reduce(self, model: StructuralModel) -> StructuralReduction:
-        """Reduce a structure.
+    def partition(self, model: StructuralModel) -> Partition:
+        """Cut a structure at the masters.
 
         Raises
         ------
         UsageError
             If masters do not exist or stand twice.
-        Singular
-            If the slaves are not held by the masters.
         """
-        cut = partition(model, masters_alone(model, self.masters, self.interest))
-        static, condition = constraint_modes(cut)
-        return StructuralReduction(
-            projected(model, cut.basis(static), cut.labels), cut.labels, condition=condition, inverted=SLAVES
-        )
-
-
-def constraint_modes(cut: Partition) -> tuple[Array, float]:
-    """Return the constraint modes, the slaves' static motion (s x m), and their condition."""
-    K = cut.model.with_known_joints()[2]
-    solve = solver(cut.inner(K), FREE, REMEDY)
-    return -solve(cut.coupling(K)), solve.condition
+        return Partition.at(masters_alone(model, self.masters, self.interest), model.size)
 
 
 @dataclass(frozen=True)
-class Dynamic:
+class Guyan(OnMasters):
+    """Static condensation: slaves follow the masters without inertia, ``x_s = -K_ss^-1 K_sm x_m``.
+
+    Exact at rest, for loads on the masters. Joints that are known are part of the stiffness, others are not;
+    for joints between masters this makes no difference.
+    """
+
+    @guarded("the static condensation")
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
+        """Reduce a structure; Singular is raised if the slaves are not held by the masters."""
+        return _condensed(model, self.partition(model))
+
+
+@dataclass(frozen=True)
+class Dynamic(OnMasters):
     """Slaves follow the masters as they do at one frequency, ``-(K - w^2 M)_ss^-1 (K - w^2 M)_sm``.
 
     Exact at that frequency for loads on the masters, without damping; at 0 it is static condensation.
 
     Parameters
     ----------
-    frequency
-        The frequency, rad/s. Default: the middle of the band of interest.
     masters, interest
         As of `Guyan`.
+    frequency
+        The frequency, rad/s. Default: the middle of the band of interest.
     """
 
     frequency: float | None = None
-    masters: Sequence[Label] | Masters | None = None
-    interest: Interest = field(default_factory=Interest)
 
-    @guarded("the dynamic condensation")
-    def reduce(self, model: StructuralModel) -> StructuralReduction:
-        """Reduce a structure.
-
-        Raises
-        ------
-        UsageError
-            If masters do not exist or stand twice, or no frequency is known.
-        Singular
-            If the frequency is a natural one of the structure with its masters held.
-        """
+    @property
+    def omega(self) -> float:
+        """The frequency at which it is exact, rad/s."""
         omega = self.frequency
         if omega is None and self.interest.band is not None:
             omega = self.interest.band / 2
@@ -243,9 +227,34 @@ class Dynamic:
                 remedy="Give `frequency: OMEGA` in rad/s, not negative.",
                 names=("frequency",),
             )
-        cut = partition(model, masters_alone(model, self.masters, self.interest))
-        M, _, K = model.with_known_joints()
-        Z: Any = K - omega**2 * M
+        return omega
+
+    @guarded("the dynamic condensation")
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
+        """Reduce a structure; Singular is raised at a natural frequency of it with its masters held."""
+        omega = self.omega
+        return _condensed(model, self.partition(model), omega)
+
+
+def _condensed(model: StructuralModel, cut: Partition, omega: float | None = None) -> StructuralReduction:
+    static, condition = constraint_modes(model, cut, omega)
+    labels = cut.labels(model)
+    reduced = projected(model, cut.basis(static), labels)
+    return StructuralReduction(reduced, labels, condition=condition, inverted=SLAVES)
+
+
+def constraint_modes(
+    model: StructuralModel, cut: Partition, omega: float | None = None
+) -> tuple[Array, float]:
+    """Return the slaves' motion with unit motions of the masters (s x m), and the condition of the inverse.
+
+    They follow statically, or as at a frequency `omega`, rad/s.
+    """
+    M, _, K = model.with_known_joints()
+    if omega is None:
+        Z, solve = K, solver(cut.inner(K), FREE, REMEDY)
+    else:
+        Z = combined(1.0, K, -(omega**2), M)
         solve = solver(
             cut.inner(Z),
             f"the slaves resonate at {frequency_text(omega, 6)} while the masters are held: they do not "
@@ -253,5 +262,4 @@ class Dynamic:
             "Condense at another frequency, or take more masters.",
             (np.abs(K.diagonal()) + omega**2 * np.abs(M.diagonal()))[cut.slaves],
         )
-        small = projected(model, cut.basis(-solve(cut.coupling(Z))), cut.labels)
-        return StructuralReduction(small, cut.labels, condition=solve.condition, inverted=SLAVES)
+    return -solve(cut.coupling(Z)), solve.condition

@@ -14,8 +14,7 @@ Sources: J. O'Callahan, IMAC 1989 (IRS); M. I. Friswell, S. D. Garvey & J. E. T.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +23,6 @@ from dynid.arrays import Array
 from dynid.defaults import MASTER_COORDINATES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.lti.floating import guarded
-from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
@@ -33,12 +31,10 @@ from dynid.structure.reduction.condensation import (
     REMEDY,
     SLAVES,
     CheckedSolver,
+    OnMasters,
     Partition,
-    partition,
     solver,
 )
-from dynid.structure.reduction.masters import Masters, masters_alone
-from dynid.structure.reduction.mode_selection import Interest
 from dynid.structure.reduction.reduced_model import (
     StructuralReduction,
     cancellation,
@@ -59,7 +55,7 @@ MAX_ROUNDING = _OPEN / _MARGIN
 
 
 @dataclass(frozen=True)
-class Irs:
+class Irs(OnMasters):
     """Static condensation with the slaves' inertia as the reduced model accelerates them.
 
     Iterated it converges to SEREP on the lowest modes.
@@ -72,9 +68,7 @@ class Irs:
         Number of steps, 1 is IRS itself; it ends earlier where nothing changes any more.
     """
 
-    masters: Sequence[Label] | Masters | None = None
     iterations: int = 1
-    interest: Interest = field(default_factory=Interest)
 
     def __post_init__(self) -> None:
         if self.iterations < 1:
@@ -89,12 +83,10 @@ class Irs:
 
         Raises
         ------
-        UsageError
-            If masters do not exist or stand twice.
         Singular
             If the slaves are not held by the masters, or the masters move without inertia.
         """
-        cut = partition(model, masters_alone(model, self.masters, self.interest))
+        cut = self.partition(model)
         M, _, K = model.with_known_joints()
         solve = solver(cut.inner(K), FREE, REMEDY)
         problem = _Iteration(cut, M, K, solve, -solve(cut.coupling(K)))
@@ -125,22 +117,15 @@ def _in_masters_or_modes(
     condition
         Condition of the inverted matrix.
     """
-    lost = cancellation(T[cut.masters], square)
+    lost, labels = cancellation(T[cut.masters], square)[1], cut.labels(model)
     if lost <= MASTER_COORDINATES.value:
         slaves = np.asarray(np.linalg.solve(T[cut.masters].T, T[cut.slaves].T).T, dtype=np.float64)
-        return StructuralReduction(
-            projected(model, cut.basis(slaves), cut.labels),
-            cut.labels,
-            condition=condition,
-            lost=lost,
-            inverted=SLAVES,
-        )
-    names = [f"reduced_mode_{number}" for number in range(1, T.shape[1] + 1)]
-    rigid = np.flatnonzero(square == 0).tolist()
-    reduced = projected(model, T, names, rigid)
-    return StructuralReduction(
-        reduced, cut.labels, condition=condition, lost=lost, inverted=SLAVES, rule=modal_rule(lost)
-    )
+        reduced, rule = projected(model, cut.basis(slaves), labels), ""
+    else:
+        names = [f"reduced_mode_{number}" for number in range(1, T.shape[1] + 1)]
+        reduced = projected(model, T, names, np.flatnonzero(square == 0).tolist())
+        rule = modal_rule(float(lost))
+    return StructuralReduction(reduced, labels, condition=condition, inverted=SLAVES, rule=rule)
 
 
 class _Iteration(NamedTuple):
@@ -172,7 +157,7 @@ class _Iteration(NamedTuple):
             last, square = _on_modes(T, self.M, self.K, step)
             last = last + noise * last @ rng.standard_normal((len(square), len(square)))
             inertia = np.asarray(self.M @ last)[cut.slaves]
-            T = np.empty((cut.model.size, last.shape[1]))
+            T = np.empty((cut.size, last.shape[1]))
             T[cut.masters] = last[cut.masters]
             T[cut.slaves] = self.static @ last[cut.masters] + self.solve(inertia) * square
             growth *= max(1.0, float(square.max()) * slowest)

@@ -229,7 +229,11 @@ def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters
 
 
 def masters_for_modes(
-    model: StructuralModel, masters: Sequence[Label] | Masters | None, interest: Interest, shapes: Array
+    model: StructuralModel,
+    masters: Sequence[Label] | Masters | None,
+    interest: Interest,
+    shapes: Array,
+    mass: Array,
 ) -> Indices:
     """Return masters at which these modes are observable.
 
@@ -242,13 +246,13 @@ def masters_for_modes(
         it takes to see all the modes.
     interest
         The DOFs of sensors and loads.
-    shapes
-        The modes (n x r).
+    shapes, mass
+        The modes (n x r), and the diagonal of the mass matrix (n).
     """
     if masters is None:
         return completed(interesting(model, interest), shapes)
     if isinstance(masters, Masters):
-        return chosen(masters.choose, masters.count or shapes.shape[1], shapes, model.M.diagonal())
+        return chosen(masters.choose, masters.count or shapes.shape[1], shapes, mass)
     return indices_of(model, masters)
 
 
@@ -257,8 +261,7 @@ def masters_alone(
 ) -> Indices:
     """Return the masters of a method that is not made of modes.
 
-    Default: the DOFs of joints, sensors and loads. A rule to choose by looks at as many of the lowest modes
-    as masters are wanted; without a count, at those of the band.
+    Default: the DOFs of joints, sensors and loads. A rule to choose by looks at `modes_to_see`.
 
     Raises
     ------
@@ -266,13 +269,10 @@ def masters_alone(
         If neither masters nor their number are known.
     """
     if isinstance(choice, Masters):
-        if choice.choose == "mass" and choice.count is not None:
-            return chosen("mass", choice.count, np.empty((model.size, 0)), model.M.diagonal())
-        requested = wanted_modes(None, interest, choice.count)
-        if isinstance(requested, ModeRange) and requested.count is not None:
-            requested = ModeRange(count=min(requested.count, model.size))
-        shapes = selected(model.with_known_joints(), requested).shapes
-        return chosen(choice.choose, choice.count or shapes.shape[1], shapes, model.M.diagonal())
+        shapes = np.empty((model.size, 0))
+        if choice.choose != "mass" or choice.count is None:
+            shapes = selected(model.with_known_joints(), modes_to_see(choice, interest, model.size)).shapes
+        return masters_for_modes(model, choice, interest, shapes, model.M.diagonal())
     masters = interesting(model, interest) if choice is None else indices_of(model, choice)
     if not len(masters):
         raise UsageError(
@@ -281,6 +281,12 @@ def masters_alone(
             names=("masters",),
         )
     return masters
+
+
+def modes_to_see(choice: Masters, interest: Interest, size: int) -> Sequence[int] | ModeRange:
+    """Return the modes that chosen masters are to see: one a master, without a count those of the band."""
+    count = None if choice.count is None else min(choice.count, size)
+    return wanted_modes(None, interest, count)
 
 
 def interesting(model: StructuralModel, interest: Interest) -> Indices:

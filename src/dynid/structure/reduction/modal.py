@@ -18,8 +18,8 @@ from dynid.lti.floating import guarded
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction.condensation import SLAVES, Partition, constraint_modes, partition, solver
-from dynid.structure.reduction.masters import Indices, Masters, indices_of, interesting, masters_alone
+from dynid.structure.reduction.condensation import SLAVES, OnMasters, Partition, constraint_modes, solver
+from dynid.structure.reduction.masters import Indices, indices_of, interesting
 from dynid.structure.reduction.mode_selection import (
     Interest,
     ModeRange,
@@ -141,7 +141,7 @@ def _held(
 
 
 @dataclass(frozen=True)
-class CraigBampton:
+class CraigBampton(OnMasters):
     """Static condensation on the boundary, with modes of the structure whose boundary is held.
 
     Exact for any joint between boundary DOFs as all modes are taken. Coordinates are the boundary's
@@ -158,9 +158,7 @@ class CraigBampton:
         Purpose of the model.
     """
 
-    masters: Sequence[Label] | Masters | None = None
     modes: Sequence[int] | ModeRange | None = None
-    interest: Interest = field(default_factory=Interest)
 
     @guarded("the Craig–Bampton reduction")
     def reduce(self, model: StructuralModel) -> StructuralReduction:
@@ -173,20 +171,20 @@ class CraigBampton:
         Singular
             If the inside is not held by the boundary.
         """
-        cut = partition(model, masters_alone(model, self.masters, self.interest))
-        static, condition = constraint_modes(cut)
+        cut = self.partition(model)
+        labels, (slaves, condition) = cut.labels(model), constraint_modes(model, cut)
         requested = wanted_modes(self.modes, self.interest, None)
         fixed = None if requested == ModeRange(count=0) else self._fixed_modes(cut, model, requested)
-        if fixed is None:
-            small = projected(model, cut.basis(static), cut.labels)
-            return StructuralReduction(small, cut.labels, condition=condition, inverted=SLAVES)
-        names = (*cut.labels, *(f"fixed_mode_{number}" for number in fixed.numbers))
-        # Of unit size at their largest, like the boundary's coordinates.
-        shapes = fixed.shapes / np.abs(fixed.shapes).max(axis=0)
-        rule = f"fixed-interface modes: {mode_rule(self.modes, self.interest, None)}"
-        small = projected(model, cut.basis(static, shapes), names)
+        names, numbers, rule, doubt = labels, tuple[int, ...](), "", ""
+        if fixed is not None:
+            numbers, doubt = fixed.numbers, fixed.doubt
+            names = (*labels, *(f"fixed_mode_{number}" for number in numbers))
+            rule = f"fixed-interface modes: {mode_rule(self.modes, self.interest, None)}"
+            # Of unit size at their largest, like the boundary's coordinates.
+            slaves = np.concatenate([slaves, fixed.shapes / np.abs(fixed.shapes).max(axis=0)], axis=1)
+        reduced = projected(model, cut.basis(slaves), names)
         return StructuralReduction(
-            small, cut.labels, fixed.numbers, condition, rule=rule, doubt=fixed.doubt, inverted=SLAVES
+            reduced, labels, numbers, condition, rule=rule, doubt=doubt, inverted=SLAVES
         )
 
     def _fixed_modes(

@@ -41,9 +41,6 @@ class StructuralReduction:
     condition
         Condition of the inverted matrix, scaled: the modes at the masters where masters stand for modes,
         else the stiffness of the slaves; None where nothing is inverted.
-    lost
-        By which factor the terms of a mode's energies exceed these in the masters' displacements, the worst
-        of the modes; None of a method that does not ask.
     inverted
         Name of the matrix that `condition` belongs to.
     rule
@@ -61,7 +58,6 @@ class StructuralReduction:
     retained: bool = False
     rule: str = ""
     doubt: str = ""
-    lost: float | None = None
     inverted: str = "the modes at the masters"
 
     @property
@@ -134,24 +130,26 @@ def modal_rule(lost: float) -> str:
     return f"coordinates are the reduced model's modes: in the masters' displacements {digits} digits cancel"
 
 
-def cancellation(masters: Array, square: Array) -> float:
-    """Return by which factor the terms of a mode's energies exceed these, in the masters' displacements.
+def cancellation(masters: Array, square: Array) -> tuple[Array, Array]:
+    """Return the modes' coordinates by the masters' displacements, and the worst cancellation of these.
+
+    By that factor the terms of a mode's energies exceed these in the masters' displacements; it is infinite,
+    and the coordinates are not finite, where the masters do not determine the modes.
 
     Parameters
     ----------
     masters
-        The masters' displacements (m x m) in the modes of unit modal mass.
+        The masters' displacements (m x m) in the modes of unit modal mass; or a stack of them.
     square
         The squared frequencies (m).
     """
     try:
-        inverse = np.linalg.inv(masters)
+        inverse = np.asarray(np.linalg.inv(masters), dtype=np.float64)
     except np.linalg.LinAlgError:
-        return np.inf
-    size = np.abs(masters)
-    M, K = inverse.T @ inverse, (inverse.T * square) @ inverse
-    of_mass = np.einsum("ij,ij->j", size, np.abs(M) @ size)
-    elastic = square > 0
-    of_strain = np.einsum("ij,ij->j", size, np.abs(K) @ size)[elastic] / square[elastic]
-    largest = float(max(of_mass.max(initial=1.0), of_strain.max(initial=1.0)))
-    return largest if np.isfinite(largest) else np.inf
+        return np.full_like(masters, np.nan), np.full(masters.shape[:-2], np.inf)
+    size, turned = np.abs(masters), inverse.swapaxes(-1, -2)
+    M, K = turned @ inverse, (turned * square[..., None, :]) @ inverse
+    of_mass, of_strain = ((size * (np.abs(matrix) @ size)).sum(axis=-2) for matrix in (M, K))
+    of_strain = np.where(square > 0, of_strain / np.where(square > 0, square, 1.0), 1.0)
+    largest = np.maximum(of_mass, of_strain).max(axis=-1, initial=1.0)
+    return inverse, np.where(np.isfinite(largest), largest, np.inf)

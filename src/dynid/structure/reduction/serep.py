@@ -84,7 +84,8 @@ class Serep:
         Singular
             If a mode is invisible at the masters.
         """
-        return _on_modes(model, None, self.masters, self.modes, self.interest)
+        reduced: StructuralReduction = _on_modes(model, None, self.masters, self.modes, self.interest)
+        return reduced
 
 
 @guarded("the reduction on modes")
@@ -104,27 +105,27 @@ def _on_modes(
     if count is None and interest.band is None:
         count = len(interesting(model, interest)) or None
     basis = selected(matrices, wanted_modes(modes, interest, count))
-    kept = masters_for_modes(model, masters, interest, basis.shapes)
+    kept = masters_for_modes(model, masters, interest, basis.shapes, model.M.diagonal())
     labels = tuple(model.dofs[k] for k in kept)
     seen = basis.shapes[kept]
     unscaled = basis.shapes / scaled(matrices[2], matrices[0]).scale[:, None]
     share = unscaled[kept] / np.linalg.norm(unscaled, axis=0)
     condition = checked_condition(seen, share, basis.numbers, labels)
     alike = len(kept) == len(basis.numbers)
-    lost = cancellation(seen, basis.omega**2) if alike else 1.0
-    in_masters = alike and lost <= MASTER_COORDINATES.value
+    inverse, lost = cancellation(seen, basis.omega**2) if alike else (seen, np.inf)
+    in_masters = bool(lost <= MASTER_COORDINATES.value)
     # The basis, the modes in the coordinates, and the coordinates' names: the masters', else the modes'.
-    T, inverse = basis.shapes, np.eye(len(basis.numbers))
-    names: tuple[Label, ...] = tuple(f"mode_{number}" for number in basis.numbers)
+    T, names = basis.shapes, tuple[Label, ...](f"mode_{number}" for number in basis.numbers)
     if in_masters:
-        inverse = np.asarray(np.linalg.inv(seen), dtype=np.float64)
         T, names = basis.shapes @ inverse, labels
         T[kept] = np.eye(len(kept))
+    else:
+        inverse = np.eye(len(basis.numbers))
     rigid = basis.rigid if retained and not in_masters else ()
     reduced = _with_stiffness_of_modes(model.projected(T, names, rigid), values, matrices, basis, inverse)
     rule = mode_rule(modes, interest, count)
     if alike and not in_masters:
-        rule = f"{rule}; {modal_rule(lost)}"
+        rule = f"{rule}; {modal_rule(float(lost))}"
     return StructuralReduction(
         reduced, labels, basis.numbers, condition, retained=retained, rule=rule, doubt=basis.doubt
     )
@@ -152,7 +153,7 @@ def _with_stiffness_of_modes(
 
 
 @dataclass(frozen=True)
-class JointAware:
+class JointAware(Serep):
     """SEREP on modes of the structure with its joints; or these modes and residual vectors.
 
     Parameters
@@ -166,9 +167,6 @@ class JointAware:
         no masters.
     """
 
-    masters: Sequence[Label] | Masters | None = None
-    modes: Sequence[int] | ModeRange | None = None
-    interest: Interest = field(default_factory=Interest)
     values: Mapping[str, float] | None = None
     residuals: Residuals = ()
 

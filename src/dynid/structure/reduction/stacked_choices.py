@@ -6,6 +6,7 @@ A choice is sure where rounding cannot change it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,16 +14,17 @@ import numpy as np
 from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction.condensation import Dynamic, Guyan
-from dynid.structure.reduction.irs import Irs
+from dynid.structure.reduction.condensation import OnMasters
 from dynid.structure.reduction.masters import (
     Indices,
     Masters,
-    chosen,
     completed,
     fixed_count,
     indices_of,
     interesting,
+    masters_alone,
+    masters_for_modes,
+    modes_to_see,
 )
 from dynid.structure.reduction.modal import CraigBampton, ModalTruncation
 from dynid.structure.reduction.mode_selection import ModeRange, wanted_modes
@@ -87,8 +89,7 @@ def choose_for_modes(
 ) -> tuple[list[Choice], Sure]:
     """Return the choices of SEREP and of the joint-aware method."""
     masters, interest = method.masters, method.interest
-    count = fixed_count(masters)
-    ends = interesting(model, interest)
+    count, ends = fixed_count(masters), interesting(model, interest)
     if count is None and interest.band is None:
         count = len(ends) or None
     of = jointed if joint_aware else bare
@@ -98,29 +99,26 @@ def choose_for_modes(
         return [Choice(fixed, kept) for kept in numbers], sure & np.array([len(kept) > 0 for kept in numbers])
 
     def pick(shapes: Array, mass: Array) -> Indices:
-        if isinstance(masters, Masters):
-            return chosen(masters.choose, masters.count or shapes.shape[1], shapes, mass)
-        return completed(ends, shapes)
+        if masters is None:
+            return completed(ends, shapes)
+        return masters_for_modes(model, masters, interest, shapes, mass)
 
     return _pick(pick, of, diagonal(bare.M), numbers, sure)
 
 
 def choose_masters(
-    method: Guyan | Dynamic | Irs | CraigBampton, model: StructuralModel, bare: Stack, jointed: Stack
+    method: OnMasters, model: StructuralModel, bare: Stack, jointed: Stack
 ) -> tuple[list[Choice], Sure]:
     """Return the masters of a method that is not made of modes, as `masters_alone` does."""
     given, interest, count = method.masters, method.interest, len(bare.M)
     if not isinstance(given, Masters):
-        masters = interesting(model, interest) if given is None else indices_of(model, given)
+        masters = masters_alone(model, given, interest)
         return [Choice(tuple(masters.tolist()), ())] * count, np.ones(count, dtype=bool)
-    requested = wanted_modes(None, interest, given.count)
-    if isinstance(requested, ModeRange) and requested.count is not None:
-        requested = ModeRange(count=min(requested.count, model.size))
     choices, sure = _pick(
-        lambda shapes, mass: chosen(given.choose, given.count or shapes.shape[1], shapes, mass),
+        partial(masters_for_modes, model, given, interest),
         jointed,
         diagonal(bare.M),
-        *_numbers_of(requested, jointed),
+        *_numbers_of(modes_to_see(given, interest, model.size), jointed),
     )
     return [Choice(choice.masters, ()) for choice in choices], sure
 

@@ -20,11 +20,12 @@ from dynid.arrays import Array
 from dynid.defaults import MASTER_COORDINATES
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction import stacked_choices
-from dynid.structure.reduction.condensation import Dynamic, Guyan
+from dynid.structure.reduction.condensation import Dynamic, OnMasters, Partition
 from dynid.structure.reduction.irs import MAX_ROUNDING, SETTLED, Irs
 from dynid.structure.reduction.masters import HOPELESS, Indices, indices_of, interesting
 from dynid.structure.reduction.methods import Reductor
 from dynid.structure.reduction.modal import CraigBampton, ModalTruncation
+from dynid.structure.reduction.reduced_model import cancellation
 from dynid.structure.reduction.serep import JointAware, Serep
 from dynid.structure.reduction.stacked_choices import Choice
 from dynid.structure.reduction.stacked_modes import (
@@ -101,11 +102,10 @@ def stacked(method: Reductor, model: StructuralModel) -> _StackedMethod:
     if isinstance(method, CraigBampton):
         choose = partial(stacked_choices.choose_for_fixed_interface, method, model)
         return _StackedMethod(choose, _condensed)
-    assert isinstance(method, Guyan | Dynamic | Irs)
+    assert isinstance(method, OnMasters)
     reduce: Callable[[Stack, Stack, Choice], StackedReduction] = _condensed
     if isinstance(method, Dynamic):
-        omega = (method.interest.band or 0.0) / 2 if method.frequency is None else method.frequency
-        reduce = partial(_condensed, omega=omega)
+        reduce = partial(_condensed, omega=method.omega)
     elif isinstance(method, Irs):
         reduce = partial(_improved, iterations=method.iterations)
     return _StackedMethod(partial(stacked_choices.choose_masters, method, model), reduce)
@@ -145,8 +145,8 @@ def _on_modes(
     K = transposed(T) @ of.M @ T * (basis.omega**2)[:, None, :]
     if len(masters) == len(modes):  # coordinates are the masters' displacements, else the modes
         seen = np.where(sure[:, None, None], seen, np.eye(len(masters)))
-        inverse = np.asarray(np.linalg.inv(seen), dtype=float)
-        sure &= _cancellation(seen, inverse, basis.omega**2) < MASTER_COORDINATES.value / 2
+        inverse, lost = cancellation(seen, basis.omega**2)
+        sure &= lost < MASTER_COORDINATES.value / 2
         T = T @ inverse
         T[:, masters] = np.eye(len(masters))
         K = transposed(inverse) @ K @ inverse
@@ -160,16 +160,6 @@ def _on_modes(
         joined = Stack(congruent(T, jointed.M), congruent(T, jointed.C), reduced.K + joints_K)
     numbers = tuple(sorted(modes)) if retained else tuple(range(1, len(modes) + 1))
     return StackedReduction(T, reduced, joined, numbers, sure, lambda: condition)
-
-
-def _cancellation(seen: Array, inverse: Array, square: Array) -> Array:
-    """Return by which factor terms of modal energies exceed these in the masters' displacements (s)."""
-    size = np.abs(seen)
-    M = transposed(inverse) @ inverse
-    K = (transposed(inverse) * square[:, None, :]) @ inverse
-    of_mass = (size * (np.abs(M) @ size)).sum(axis=1).max(axis=1)
-    of_strain = ((size * (np.abs(K) @ size)).sum(axis=1) / np.maximum(square, 1e-300)).max(axis=1)
-    return np.asarray(np.maximum(of_mass, of_strain))
 
 
 def _on_modal_coordinates(bare: Stack, jointed: Stack, choice: Choice, *, loads: Indices) -> StackedReduction:
@@ -201,23 +191,23 @@ def _condensed(bare: Stack, jointed: Stack, choice: Choice, *, omega: float = 0.
 
     These are the methods of Guyan, Leung, and Craig and Bampton.
     """
-    cut = _StackedPartition(jointed, choice.masters)
+    cut = Partition.at(choice.masters, jointed.M.shape[1])
     inner = jointed.block(cut.slaves)
     size = diagonal(inner.K) + omega**2 * diagonal(inner.M)
     factor = _Factor(inner.K - omega**2 * inner.M, size)
-    T = cut.basis(-factor.solve(cut.coupling(jointed.K) - omega**2 * cut.coupling(jointed.M)))
+    slaves = -factor.solve(cut.coupling(jointed.K) - omega**2 * cut.coupling(jointed.M))
     sure = factor.sure
     if choice.modes:
         fixed = inner.modes(max(choice.modes)).numbered(choice.modes)
-        shapes = np.zeros((*T.shape[:2], len(choice.modes)))
-        shapes[:, cut.slaves] = fixed.shapes / np.abs(fixed.shapes).max(axis=1, keepdims=True)
-        T, sure = np.concatenate([T, shapes], axis=2), sure & fixed.sure
+        shapes = fixed.shapes / np.abs(fixed.shapes).max(axis=1, keepdims=True)
+        slaves, sure = np.concatenate([slaves, shapes], axis=2), sure & fixed.sure
+    T = cut.basis(slaves)
     return _projected(T, bare, jointed, range(1, T.shape[2] + 1), sure, factor.condition)
 
 
 def _improved(bare: Stack, jointed: Stack, choice: Choice, *, iterations: int) -> StackedReduction:
     """Return the improved reduced system, iterated as that of a single structure is."""
-    cut = _StackedPartition(jointed, choice.masters)
+    cut = Partition.at(choice.masters, jointed.M.shape[1])
     masters, slaves, inner = cut.masters, cut.slaves, jointed.block(cut.slaves)
     factor = _Factor(inner.K)
     static = -factor.solve(cut.coupling(jointed.K))
@@ -242,30 +232,10 @@ def _improved(bare: Stack, jointed: Stack, choice: Choice, *, iterations: int) -
     modes = jointed.projected(T).modes(len(masters))
     T, sure = T @ modes.shapes, sure & modes.sure & (growth * 2 * UNIT_ROUNDING <= MAX_ROUNDING)
     seen = np.where(sure[:, None, None], T[:, masters], np.eye(len(masters)))
-    inverse = np.asarray(np.linalg.inv(seen), dtype=float)
-    sure &= _cancellation(seen, inverse, modes.omega**2) < MASTER_COORDINATES.value / 2
+    inverse, lost = cancellation(seen, modes.omega**2)
+    sure &= lost < MASTER_COORDINATES.value / 2
     T = cut.basis(T[:, slaves] @ inverse)
     return _projected(T, bare, jointed, range(1, len(masters) + 1), sure, factor.condition)
-
-
-class _StackedPartition:
-    """Structures cut at their masters."""
-
-    def __init__(self, jointed: Stack, masters: Sequence[int]) -> None:
-        self.shape = jointed.M.shape[:2]
-        self.masters = np.array(masters)
-        self.slaves = np.setdiff1d(np.arange(self.shape[1]), self.masters)
-
-    def coupling(self, matrix: Array) -> Array:
-        """Return the slaves' rows at the masters' columns."""
-        return np.asarray(matrix[:, self.slaves[:, None], self.masters])
-
-    def basis(self, slaves: Array) -> Array:
-        """Return T, unit at the masters, from the rows of the slaves."""
-        T = np.zeros((*self.shape, len(self.masters)))
-        T[:, self.masters, np.arange(len(self.masters))] = 1.0
-        T[:, self.slaves] = slaves
-        return T
 
 
 class _Factor:
