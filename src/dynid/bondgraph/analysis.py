@@ -35,15 +35,6 @@ if TYPE_CHECKING:
 def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     """Run an analysis of a bond graph.
 
-    Parameters
-    ----------
-    graph
-        The bond graph.
-    analysis
-        What to compute.
-    title
-        The result's title.
-
     Returns
     -------
     Result
@@ -110,13 +101,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
 
 
 def _cut_loops(analysis: Analysis) -> CutLoops | None:
-    """Return the loops of a graph, cut open; None without loops, or without a solution when all are cut.
-
-    Raises
-    ------
-    Singular
-        Where a loop is algebraic and has no solution.
-    """
+    """Return the loops of a graph, cut open; None without loops, or without a solution when all are cut."""
     if analysis.opened is None:
         return None
     from dynid.bondgraph.cut_loops import CutLoops

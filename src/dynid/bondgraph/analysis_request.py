@@ -88,98 +88,58 @@ NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hid
 
 @dataclass(frozen=True)
 class FormulaRequest:
-    """The formulas to write.
+    """The formulas to write."""
 
-    Parameters
-    ----------
-    form
-        nested: the reduction's program as named assignments, never expanded; expanded: numerator and
-        denominator as polynomials, too.
-    terms
-        Most terms of a polynomial before the expansion is given up.
-    """
-
+    #: nested: the reduction's program as named assignments, never expanded; expanded: numerator and
+    #: denominator as polynomials, too.
     form: FormulaForm = "nested"
-    terms: int = 100_000
+    terms: int = 100_000  # most terms of a polynomial before the expansion is given up
 
 
 @dataclass(frozen=True)
 class SensitivityParameter:
-    """A parameter that sensitivities are taken by: the value of a node, or one behind several values.
-
-    Parameters
-    ----------
-    name
-        Its name.
-    value
-        Its value.
-    rates
-        The derivative of each node's value by it, for the nodes that depend on it.
-    """
+    """A parameter that sensitivities are taken by: the value of a node, or one behind several values."""
 
     name: str
     value: Fraction
+    #: The derivative of each node's value by it, for the nodes that depend on it.
     rates: Mapping[str, Fraction]
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """The results to compute, and their settings.
+    """The results to compute, and their settings."""
 
-    Parameters
-    ----------
-    inputs
-        Sources kept as inputs; all others are zero.
-    outputs
-        Variables asked for.
-    results
-        Names out of `RESULTS`.
-    omega
-        Angular frequencies of the frequency response, rad/s.
-    times
-        Times of the time response, s, starting at 0.
-    signals
-        Signals of the time response: pairs of an input and a signal; those of one input add up.
-    initial
-        Stored energy at t = 0: the flow of an I, the effort of a C.
-    parameters
-        What sensitivities are taken by; default: the value of every node.
-    engine
-        exact (roots with certified bounds, everything decided), float (eigenvalues with error estimates, for
-        large graphs), symbolic (formulas alone), or auto: chosen by size.
-    reading
-        What a value means: the decimal as it is written, or the double nearest to it.
-    formulas
-        Formulas to write beside the transfer function; None: its formula where it is short.
-    port
-        A bond at which the graph is decomposed, written from the source to the load; default: nowhere.
-    approximations
-        Structures that enter by a reduced model: how many coordinates were kept and left out, and how.
-    opened, loops
-        Of a graph with feedback: the graph without it, and the loops, for their margins.
-    linearisation, law_outputs
-        Of a graph with laws: its linearisation, and the outputs as the graph with laws has them.
-    apart
-        True: there is one signal for each input, and the responses to them are apart, not added.
-    """
-
-    inputs: tuple[str, ...]
-    outputs: tuple[Port, ...]
-    results: frozenset[str] = USUAL
-    omega: NDArray[np.float64] | None = None
-    times: NDArray[np.float64] | None = None
+    inputs: tuple[str, ...]  # sources kept as inputs; all others are zero
+    outputs: tuple[Port, ...]  # variables asked for
+    results: frozenset[str] = USUAL  # names out of `RESULTS`
+    omega: NDArray[np.float64] | None = None  # angular frequencies of the frequency response, rad/s
+    times: NDArray[np.float64] | None = None  # times of the time response, s, starting at 0
+    #: Signals of the time response: pairs of an input and a signal; those of one input add up.
     signals: tuple[tuple[str, Signal], ...] = ()
+    #: Stored energy at t = 0: the flow of an I, the effort of a C.
     initial: Mapping[str, float | Fraction] = field(default_factory=dict)
+    #: What sensitivities are taken by; default: the value of every node.
     parameters: tuple[SensitivityParameter, ...] | None = None
+    #: exact (roots with certified bounds, everything decided), float (eigenvalues with error estimates, for
+    #: large graphs), symbolic (formulas alone), or auto: chosen by size.
     engine: Engine = "auto"
+    #: What a value means: the decimal as it is written, or the double nearest to it.
     reading: Reading = "decimal"
+    #: Formulas to write beside the transfer function; None: its formula where it is short.
     formulas: FormulaRequest | None = None
+    #: A bond at which the graph is decomposed, written from the source to the load; default: nowhere.
     port: Bond | None = None
+    #: Structures that enter by a reduced model: how many coordinates were kept and left out, and how.
     approximations: tuple[ScopePart, ...] = ()
+    #: opened, loops: Of a graph with feedback: the graph without it, and the loops, for their margins.
     opened: BondGraph | None = None
     loops: tuple[Loop, ...] = ()
+    #: linearisation, law_outputs: Of a graph with laws: its linearisation, and the outputs as the graph with
+    #: laws has them.
     linearisation: Linearisation | None = None
     law_outputs: tuple[Port, ...] = ()
+    #: True: there is one signal for each input, and the responses to them are apart, not added.
     apart: bool = False
 
 
@@ -205,21 +165,11 @@ _LIMITS = {
 
 @dataclass(frozen=True)
 class EngineChoice:
-    """The engine of an analysis, and the reason for it.
-
-    Parameters
-    ----------
-    engine
-        exact, float or symbolic.
-    reason
-        The reason, in a sentence.
-    forced
-        Whether the user requested it.
-    """
+    """The engine of an analysis, and the reason for it."""
 
     engine: str
-    reason: str
-    forced: bool = False
+    reason: str  # the reason, in a sentence
+    forced: bool = False  # whether the user requested it
 
     @property
     def limits(self) -> str:

@@ -33,33 +33,17 @@ Polynomial = Sequence[Real]
 
 @dataclass(frozen=True)
 class Loop:
-    """A feedback: the source gives reference + controller · (setpoint - what is measured).
+    """A feedback: the source gives reference + controller · (setpoint - what is measured)."""
 
-    Parameters
-    ----------
-    measured
-        The variable that is measured.
-    source
-        The source that is driven.
-    numerator, denominator
-        The controller, a rational function of s: coefficients in descending powers.
-    reference
-        Name of the reference, a source of the closed loop; empty: zero.
-    delay
-        Delay of the controller's answer, s.
-    place
-        Where the loop stands in a scene, as `control.loops.0`.
-    setpoint
-        Name of the setpoint, a source of the closed loop ahead of the controller; empty: zero.
-    """
-
-    measured: Port
-    source: str
+    measured: Port  # the variable that is measured
+    source: str  # the source that is driven
+    #: numerator, denominator: The controller, a rational function of s: coefficients in descending powers.
     numerator: Polynomial
     denominator: Polynomial
-    reference: str = ""
-    delay: Real = Fraction(0)
-    place: str = ""
+    reference: str = ""  # name of the reference, a source of the closed loop; empty: zero
+    delay: Real = Fraction(0)  # delay of the controller's answer, s
+    place: str = ""  # where the loop stands in a scene, as `control.loops.0`
+    #: Name of the setpoint, a source of the closed loop ahead of the controller; empty: zero.
     setpoint: str = ""
 
     @property
@@ -106,35 +90,18 @@ def _product(a_coefficients: Polynomial, b_coefficients: Polynomial) -> list[Rea
 
 @dataclass(frozen=True)
 class _ClosedLoops:
-    """A graph with its loops closed.
-
-    Parameters
-    ----------
-    graph
-        The graph.
-    variables
-        Variables of the driven sources, under the names that they had: ``pump.e``.
-    answered
-        What the controller of each loop answers to: what is measured, less the setpoint.
-    integrals
-        By the junction whose flow it is, what is measured by an integral of its own: no state of the graph.
-    """
+    """A graph with its loops closed."""
 
     graph: BondGraph
-    variables: dict[Port, Port]
+    variables: dict[Port, Port]  # variables of the driven sources, under the names that they had: ``pump.e``
+    #: What the controller of each loop answers to: what is measured, less the setpoint.
     answered: tuple[Port, ...]
+    #: By the junction whose flow it is, what is measured by an integral of its own: no state of the graph.
     integrals: dict[str, Port]
 
 
 def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> _ClosedLoops:
     """Return a graph with feedback; delays are approximated (`Loop.approximated`).
-
-    Parameters
-    ----------
-    graph
-        The graph.
-    loops
-        The loops; several may measure one variable or drive one source.
 
     Raises
     ------

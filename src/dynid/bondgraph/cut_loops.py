@@ -55,13 +55,6 @@ def polynomial_over(field: RealField | None, coefficients: list[Any]) -> Any:
 class CutLoops:
     """The loops of a graph, all cut open.
 
-    Parameters
-    ----------
-    opened
-        The graph without feedback.
-    loops
-        The loops.
-
     Raises
     ------
     Singular

@@ -40,18 +40,10 @@ LinearForm = dict[FormSymbol, Any]
 
 @dataclass(frozen=True)
 class NumberField:
-    """The numbers that equations are written in: exact rationals, or formulas in the parameters.
+    """The numbers that equations are written in: exact rationals, or formulas in the parameters."""
 
-    Parameters
-    ----------
-    value
-        The value of an element or the modulus of a two-port, by name.
-    one
-        The number 1. Numbers have `+ - * /`, and are false where they are zero.
-    """
-
-    value: Callable[[str], Any]
-    one: Any
+    value: Callable[[str], Any]  # the value of an element or the modulus of a two-port, by name
+    one: Any  # the number 1. Numbers have `+ - * /`, and are false where they are zero.
 
     @classmethod
     def rational(cls, graph: BondGraph) -> Self:
@@ -82,8 +74,6 @@ class RegisterNumber:
 
     Parameters
     ----------
-    program
-        Where operations are written.
     register
         What stands for the number; it is zero where its image at the program's point is.
     """
@@ -159,12 +149,6 @@ class Descriptor:
 
     Parameters
     ----------
-    structure
-        The junction structure.
-    junctions
-        The junctions to model.
-    field
-        The numbers to write in.
     inputs
         Sources that are inputs; all others are zero.
     initial
@@ -314,8 +298,6 @@ def solve(
     ----------
     equations
         Forms that equal zero, in unknowns, rates and inputs.
-    outputs
-        Forms to rewrite.
 
     Raises
     ------

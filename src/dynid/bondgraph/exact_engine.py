@@ -29,19 +29,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TransferFunction(TransferProperties):
-    """T(s) = numerator / denominator in lowest terms over the rationals.
+    """T(s) = numerator / denominator in lowest terms over the rationals."""
 
-    Parameters
-    ----------
-    numerator, denominator
-        Integer polynomials without a common factor (flint `fmpz_poly`), or polynomials over the field of a
-        graph's irrational values (`FieldPolynomial`).
-    starts
-        Gives approximate zeros (asked for `zeros`) or poles (`poles`), where there is a quick way to them.
-    """
-
+    #: numerator, denominator: Integer polynomials without a common factor (flint `fmpz_poly`), or polynomials
+    #: over the field of a graph's irrational values (`FieldPolynomial`).
     numerator: Any
     denominator: Any
+    #: Gives approximate zeros (asked for `zeros`) or poles (`poles`), where there is a quick way to them.
     starts: Callable[[str], Sequence[complex] | None] = field(default=lambda _: None, compare=False)
 
     @classmethod
@@ -178,11 +172,6 @@ class ExactEngine:
 
     Roots of large polynomials are certified from the eigenvalues of the graph's own equations: these save
     time, and what is certified does not depend on them.
-
-    Parameters
-    ----------
-    reduced
-        The graph.
     """
 
     def __init__(self, reduced: ReducedGraph) -> None:

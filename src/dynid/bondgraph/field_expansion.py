@@ -37,27 +37,14 @@ FieldType = Literal["I", "C", "R"]
 
 @dataclass
 class Expansion:
-    """The ordinary nodes and bonds of a field or structure.
-
-    Parameters
-    ----------
-    name
-        Its name.
-    taken
-        Names of other nodes, to which those of the new nodes are added.
-
-    Attributes
-    ----------
-    nodes, bonds
-        The nodes and bonds.
-    variables
-        Ports of the graph that have another name: ``field.a.e`` where ``field.a`` is a 1-junction.
-    """
+    """The ordinary nodes and bonds of a field or structure."""
 
     name: str
-    taken: set[str]
+    taken: set[str]  # names of other nodes, to which those of the new nodes are added
+    #: nodes, bonds: The nodes and bonds.
     nodes: list[Node] = field(default_factory=list)
     bonds: list[Bond] = field(default_factory=list)
+    #: Ports of the graph that have another name: ``field.a.e`` where ``field.a`` is a 1-junction.
     variables: dict[str, Port] = field(default_factory=dict)
 
     def add(self, kind: NodeType, preferred: str, value: Real | None = None, domain: str = "") -> str:
@@ -99,15 +86,11 @@ class Expansion:
 
         Parameters
         ----------
-        port
-            Its name.
         kind
             0 or 1: the junction that bonds of the user are at.
         quantities
-            The quantities e, f, q, p that are outputs. Those that the junction does not have in common are
-            those of one of the other kind behind it.
-        domain
-            Its domain.
+            The quantities e, f, q, p that are outputs. Those that the junction does not have in common
+            are those of one of the other kind behind it.
         outward
             True where power is positive out of the port.
         """
@@ -145,8 +128,8 @@ class Expansion:
         labels
             By row what the generated names call it.
         letter
-            Part of the generated names: the matrix. With it a C stores the energy of a stiffness, and has the
-            value 1/D_k on 1-junctions.
+            Part of the generated names: the matrix. With it a C stores the energy of a stiffness, and has
+            the value 1/D_k on 1-junctions.
         """
         dual = kind == "C" and not letter
         prefix = f"{self.name}_{letter}_" if letter else f"{self.name}_"
@@ -183,28 +166,20 @@ def expand_field(
 
     Parameters
     ----------
-    name
-        Its name.
     kind
         I: e = M df/dt; R: e = M f; C: f = M de/dt.
-    ports
-        Names of its ports.
     matrix
         M (ports x ports), symmetric; of unknown parameters positive semidefinite.
-    names_in_use
-        Names of other nodes.
     quantities
         By port the quantities that are outputs.
-    domain
-        The domain of its ports.
     outward
         Names of the ports whose bonds leave it.
 
     Raises
     ------
     UsageError
-        If the matrix is not symmetric, or, with unknown parameters, indefinite; or an entry needed is zero at
-        the start.
+        If the matrix is not symmetric, or, with unknown parameters, indefinite; or an entry needed is
+        zero at the start.
     """
     expansion = Expansion(name, names_in_use)
     problem = field_fault(matrix)
@@ -236,16 +211,12 @@ def expand_coupling(
 
     Parameters
     ----------
-    name
-        Its name.
     kind
         TF: e1 = N e2, f2 = N^T f1; GY: e1 = N f2, e2 = N^T f1. Power enters at 1 and leaves at 2.
     ports
         Names of its ports: first those of the rows (1), then those of the columns (2).
     matrix
         N (rows x columns).
-    names_in_use
-        Names of other nodes.
     quantities
         By port the quantities that are outputs.
 
@@ -271,15 +242,6 @@ def expand_coupling(
 
 def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0, *, signed: bool = False) -> list[Square]:
     """Return a matrix of numbers that may depend on parameters as squares.
-
-    Parameters
-    ----------
-    name
-        The node it belongs to.
-    rows
-        The matrix, symmetric.
-    rounding, signed
-        As of `squares`.
 
     Raises
     ------

@@ -121,36 +121,23 @@ class _ValueExpression(Protocol):
 class Node:
     """A node of a bond graph.
 
-    Parameters
-    ----------
-    name
-        Its name, unique in the graph.
-    type
-        One of Se, Sf, I, C, R, TF, GY, 0, 1.
-    value
-        Inertia, compliance, resistance or modulus in SI units (exact); None for sources and junctions.
-    formula
-        The expression behind the value, where formulas are to be written in its names; default: the node's
-        own name stands for its value.
-    domain
-        Its physical domain, where it is given: one of `UNITS`.
-    dependent
-        The value as a function of unknown parameters, where it is one; `value` is that at the reference.
-    part
-        The field or structure that the node was expanded from; empty of a node that the user drew.
-
     Raises
     ------
     UsageError
         Where there is no such domain.
     """
 
-    name: str
-    type: NodeType
+    name: str  # its name, unique in the graph
+    type: NodeType  # one of Se, Sf, I, C, R, TF, GY, 0, 1
+    #: Inertia, compliance, resistance or modulus in SI units (exact); None for sources and junctions.
     value: Fraction | None = None
+    #: The expression behind the value, where formulas are to be written in its names; default: the node's own
+    #: name stands for its value.
     formula: _ValueExpression | None = None
-    domain: str = ""
+    domain: str = ""  # its physical domain, where it is given: one of `UNITS`
+    #: The value as a function of unknown parameters, where it is one; `value` is that at the reference.
     dependent: Dependent | None = None
+    #: The field or structure that the node was expanded from; empty of a node that the user drew.
     part: str = ""
 
     def __post_init__(self) -> None:
@@ -205,8 +192,6 @@ class BondGraph:
 
     Parameters
     ----------
-    nodes
-        The nodes, in the user's order.
     bonds
         The bonds; power is positive from tail to head.
 
@@ -373,8 +358,6 @@ def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[_Graph
 
     Parameters
     ----------
-    types
-        Node type by name.
     bonds
         Bonds between those nodes; bonds to other names are left to the caller to report.
     """
@@ -419,13 +402,6 @@ def spread_domains(graph: BondGraph, seeds: Mapping[str, str]) -> dict[str, str]
 
     A bond joins nodes of one domain; only a TF or GY may stand between two. It has a domain itself where both
     of its sides have the same.
-
-    Parameters
-    ----------
-    graph
-        The graph.
-    seeds
-        The domains of some nodes.
     """
     domains = dict(seeds)
     queue = list(seeds)

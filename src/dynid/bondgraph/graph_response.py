@@ -47,13 +47,6 @@ Again = Callable[[Any], list[int]]
 def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Return T(j omega), shape (omega, output, input); a pole on the axis gives inf.
 
-    Parameters
-    ----------
-    reduced
-        The reduced graph.
-    omega
-        Angular frequencies in rad/s, not negative.
-
     Raises
     ------
     NumericalError

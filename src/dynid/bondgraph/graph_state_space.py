@@ -53,8 +53,8 @@ def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpac
     reduced
         The graph with its inputs and outputs; only the part that the outputs depend on is modelled.
     initial
-        Storages with energy at t = 0. Each adds an input `initial:NAME`: an impulse of strength f(0) on an
-        I, e(0) on a C is the equivalent source of Park & Kim 1997, eqs 13 to 16.
+        Storages with energy at t = 0. Each adds an input `initial:NAME`: an impulse of strength f(0) on
+        an I, e(0) on a C is the equivalent source of Park & Kim 1997, eqs 13 to 16.
 
     Raises
     ------
@@ -100,10 +100,6 @@ def natural_order(
 
     Parameters
     ----------
-    graph
-        The graph.
-    junctions
-        The junctions of its `JunctionStructure` to model; default: all.
     structure
         That structure, where what no output depends on is held; default: it is made of the graph.
 
@@ -131,15 +127,6 @@ def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
     The equations are exact and substitution is sparse, but written in states of their own far parts of a
     long line of power weigh on each other by huge coefficients: for zeros alone use `zero_parts`.
 
-    Parameters
-    ----------
-    reduced
-        The graph, with this output.
-    port
-        The output that is held at zero.
-    source
-        The input that holds it there; all other sources are zero.
-
     Raises
     ------
     Singular
@@ -159,21 +146,12 @@ _MAX_POLYNOMIAL_STATES = 150
 
 @dataclass(frozen=True)
 class ZeroPart:
-    """An irreducible part of zero dynamics, exactly.
+    """An irreducible part of zero dynamics, exactly."""
 
-    Parameters
-    ----------
-    elements
-        The one-ports that carry it.
-    states
-        The names of its states.
-    polynomial
-        Its characteristic polynomial over the integers (flint `fmpz_poly`): its roots are zeros. None where
-        the part has more than 150 states, of which it would take minutes.
-    """
-
-    elements: tuple[str, ...]
-    states: tuple[str, ...]
+    elements: tuple[str, ...]  # the one-ports that carry it
+    states: tuple[str, ...]  # the names of its states
+    #: Its characteristic polynomial over the integers (flint `fmpz_poly`): its roots are zeros. None where
+    #: the part has more than 150 states, of which it would take minutes.
     polynomial: Any
 
 
@@ -184,11 +162,6 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
     at infinity is taken off without arithmetic and parts stay as small and as well scaled as those of the
     graph that they come from. A chain with the force at one end and the velocity at the other falls into one
     part a stage.
-
-    Parameters
-    ----------
-    reduced, port, source
-        As for `zero_dynamics`.
 
     Raises
     ------

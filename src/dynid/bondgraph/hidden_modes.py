@@ -33,22 +33,14 @@ _MIN_ENERGY_SHARE = 0.005
 
 @dataclass(frozen=True)
 class _HiddenMode:
-    """A natural mode that is hidden in a channel.
-
-    Parameters
-    ----------
-    root
-        The root of the mode.
-    uncontrollable, unobservable
-        Whether the input does not reach it, and whether the output does not show it.
-    energy
-        The storage elements that hold its energy in free motion, each with its share.
-    """
+    """A natural mode that is hidden in a channel."""
 
     root: CertifiedRoot
+    #: uncontrollable, unobservable: Whether the input does not reach it, and whether the output does not show
+    #: it.
     uncontrollable: bool
     unobservable: bool
-    energy: dict[str, float]
+    energy: dict[str, float]  # the storage elements that hold its energy in free motion, each with its share
 
     @property
     def cause(self) -> str:

@@ -24,15 +24,7 @@ def shown_verdict(cut: CutLoops) -> Verdict:
 
 
 def loops_verdict(cut: CutLoops, shown: Verdict) -> Verdict:
-    """Return the verdict on loops, controllers and every separate part of the graph.
-
-    Parameters
-    ----------
-    cut
-        The loops.
-    shown
-        The verdict on the roots that they show.
-    """
+    """Return the verdict on loops, controllers and every separate part of the graph."""
     others = parts_without_output(cut.reduced)
     parts = [*separate_parts(cut.reduced, cut.natural), *(others or ())]
     modes = math.prod(parts, start=polynomial_over(cut.reduced.field, [1]))

@@ -74,12 +74,9 @@ class ParametricEquations:
 
     Parameters
     ----------
-    reduced
-        The graph with its inputs and outputs; nodes may depend on parameters.
-    unknown
-        The names of the parameters to differentiate by.
     initial
-        Storages with energy at t = 0, each a further input: an impulse of strength f(0) of an I, e(0) of a C.
+        Storages with energy at t = 0, each a further input: an impulse of strength f(0) of an I, e(0) of
+        a C.
 
     Raises
     ------
@@ -90,14 +87,8 @@ class ParametricEquations:
     ----------
     inputs
         The names of the inputs, those of the stored energy last.
-    states
-        The states.
     orders
         The highest derivative of each input in the outputs, -1 where it does not enter directly.
-    storages
-        The storages of the part that is modelled.
-    reached
-        The unknown parameters that the matrices depend on.
     """
 
     def __init__(self, reduced: ReducedGraph, unknown: Sequence[str], initial: Sequence[str] = ()) -> None:
@@ -220,11 +211,6 @@ class ParametricEquations:
     def at(self, values: Mapping[str, float]) -> tuple[Array, ...]:
         """Return A, B, C, D (orders x outputs x inputs), and their derivatives (p x …), to double precision.
 
-        Parameters
-        ----------
-        values
-            The values of the unknown parameters, by name.
-
         Raises
         ------
         Singular
@@ -298,13 +284,6 @@ _ERROR_BOUND_TOL = 1e-10
 class ParametricResponse:
     """The responses of a graph's outputs to its inputs at s = j omega.
 
-    Parameters
-    ----------
-    reduced
-        The graph with its inputs and outputs; nodes may depend on parameters.
-    unknown
-        The names of the parameters to differentiate by.
-
     Raises
     ------
     Singular
@@ -338,8 +317,6 @@ class ParametricResponse:
 
         Parameters
         ----------
-        values
-            The values of the unknown parameters, by name.
         omega
             Angular frequencies, rad/s, not zero (L).
 

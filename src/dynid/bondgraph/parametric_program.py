@@ -33,8 +33,6 @@ class ParametricProgram(Program):
 
     Parameters
     ----------
-    graph
-        The graph.
     unknown
         The names of the parameters to differentiate by; all others have their reference values.
     """
@@ -193,15 +191,7 @@ def _numbers(number: Dependent) -> list[Fraction]:
 
 
 class Tape:
-    """Registers of a parametric program that are evaluated again and again, each to full double precision.
-
-    Parameters
-    ----------
-    program
-        The program.
-    registers
-        The registers.
-    """
+    """Registers of a parametric program that are evaluated again and again, each to full double precision."""
 
     def __init__(self, program: ParametricProgram, registers: Sequence[Register]) -> None:
         self._program = program

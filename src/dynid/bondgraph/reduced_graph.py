@@ -41,11 +41,6 @@ class GraphProgram(ABC):
 
     The program is planned without numbers. Where the numbers make one of its pivots zero (a resistance
     of -1 beside one of 1), it is planned again with them.
-
-    Parameters
-    ----------
-    graph
-        The bond graph.
     """
 
     _balanced = False  # whether reductions are
@@ -192,17 +187,6 @@ class GraphProgram(ABC):
 class ReducedGraph(GraphProgram):
     """One program for all outputs of a graph; outputs share the steps that they have in common.
 
-    Parameters
-    ----------
-    graph
-        The bond graph.
-    inputs
-        Names of the sources kept as inputs; all others are zero.
-    outputs
-        The variables asked for.
-    traced
-        Whether the reductions record their steps.
-
     Attributes
     ----------
     undetermined
@@ -211,8 +195,8 @@ class ReducedGraph(GraphProgram):
     Raises
     ------
     Singular
-        Where sources contradict each other, in whatever part of the graph (each is prescribed, one that is
-        zero as well), or the graph leaves an output undetermined: in general or with its numbers.
+        Where sources contradict each other, in whatever part of the graph (each is prescribed, one that
+        is zero as well), or the graph leaves an output undetermined: in general or with its numbers.
     """
 
     reductions: dict[Port, Reduction]
@@ -369,11 +353,6 @@ def characteristic_polynomials(reduced: ReducedGraph) -> dict[Port, Any]:
 
     It is the determinant of the nodal form (the product of the pivots) times s for every storage that
     integrates there (its immittance has s in the denominator).
-
-    Returns
-    -------
-    dict
-        Integer polynomials (flint `fmpz_poly`) by output.
     """
     registers = {port: determinant(reduced, reduction) for port, reduction in reduced.reductions.items()}
     ratios = reduced.rational(registers.values())
@@ -381,15 +360,7 @@ def characteristic_polynomials(reduced: ReducedGraph) -> dict[Port, Any]:
 
 
 def separate_parts(reduced: ReducedGraph, natural: Mapping[Port, Any]) -> list[Any]:
-    """Return the polynomials of the natural modes of the separate parts behind outputs.
-
-    Parameters
-    ----------
-    reduced
-        The graph.
-    natural
-        The polynomials behind its outputs (`characteristic_polynomials`).
-    """
+    """Return the polynomials of the natural modes of the separate parts behind outputs."""
     parts = list[tuple[set[str], Any]]()
     for port, modes in natural.items():
         junctions, polynomial, separate = set(reduced.reductions[port].junctions), modes, []

@@ -23,21 +23,12 @@ _MAX_COEFFICIENT_OPERATIONS, _MAX_NAMED_OPERATIONS = 24, 12
 
 @dataclass(frozen=True)
 class _StateEquations:
-    """State equations as text.
+    """State equations as text."""
 
-    Parameters
-    ----------
-    definitions
-        Parts that coefficients share, each in terms of those before it (`t1 = …`); empty where all are short.
-    states
-        One equation for the rate of each state.
-    outputs
-        One equation for each output.
-    """
-
+    #: Parts that coefficients share, each in terms of those before it (`t1 = …`); empty where all are short.
     definitions: tuple[str, ...]
-    states: tuple[str, ...]
-    outputs: tuple[str, ...]
+    states: tuple[str, ...]  # one equation for the rate of each state
+    outputs: tuple[str, ...]  # one equation for each output
 
 
 def state_equations(reduced: ReducedGraph, states: Sequence[str]) -> _StateEquations:
@@ -45,13 +36,6 @@ def state_equations(reduced: ReducedGraph, states: Sequence[str]) -> _StateEquat
 
     They hold for all values of the parameters but those that make a divisor vanish; where the graph's own
     values do, or leave other states, they are written for these values.
-
-    Parameters
-    ----------
-    reduced
-        The graph with its inputs and outputs.
-    states
-        The states of `state_space`, of which these are the equations.
 
     Raises
     ------
@@ -65,13 +49,6 @@ def zero_dynamics_equations(
     reduced: ReducedGraph, port: Port, source: str, states: Sequence[str]
 ) -> _StateEquations:
     """Write the zero dynamics of a channel in the graph's symbols; the output is the input that holds it.
-
-    Parameters
-    ----------
-    reduced, port, source
-        As for `zero_dynamics`.
-    states
-        Its states.
 
     Raises
     ------

@@ -47,10 +47,6 @@ def expand_structure(
 
     Parameters
     ----------
-    expansion
-        The expansion of the node.
-    model
-        The structure.
     ports
         DOFs of the ports by name.
     quantities
@@ -155,13 +151,6 @@ def expand_modes(
     mass; transformers of modal displacements lead to the ports; a modal R field where damping couples modes.
     Rigid-body modes have no C. With unknown parameters in the structure its modes are not constant: the
     coordinates are then displacements of DOFs, on the fixed basis of the reduction.
-
-    Parameters
-    ----------
-    expansion, ports, quantities, domain, outward
-        As of `expand_structure`; a port may be at any DOF of the full structure.
-    reduction
-        The reduced structure.
 
     Raises
     ------

@@ -38,40 +38,17 @@ class _BicausalBond:
 
 @dataclass(frozen=True)
 class ZeroCausality:
-    """The causality of a channel's zero dynamics.
+    """The causality of a channel's zero dynamics."""
 
-    Parameters
-    ----------
-    bonds
-        Every bond of the graph with the output's detector put in.
-    line
-        The nodes of the bicausal line of power, from the input to the output.
-    inside
-        The causality of what lies beside the line.
-    derivative
-        Storages that lose their own state, by being on the line or through it.
-    lines
-        The number of lines of power that were compared; more than one can cancel each other.
-    """
-
-    bonds: tuple[_BicausalBond, ...]
-    line: tuple[str, ...]
-    inside: Causality
-    derivative: tuple[str, ...]
-    lines: int
+    bonds: tuple[_BicausalBond, ...]  # every bond of the graph with the output's detector put in
+    line: tuple[str, ...]  # the nodes of the bicausal line of power, from the input to the output
+    inside: Causality  # the causality of what lies beside the line
+    derivative: tuple[str, ...]  # storages that lose their own state, by being on the line or through it
+    lines: int  # the number of lines of power that were compared; more than one can cancel each other
 
 
 def zero_causality(graph: BondGraph, port: Port, source: str) -> ZeroCausality | None:
     """Assign bicausality from an output to an input, along the line that leaves most states.
-
-    Parameters
-    ----------
-    graph
-        The bond graph.
-    port
-        The output that is held at zero.
-    source
-        The input that holds it there.
 
     Returns
     -------

@@ -19,22 +19,14 @@ from dynid.bondgraph.graph import JUNCTIONS, SOURCES, STORAGES, TWO_PORTS
 
 @dataclass(frozen=True)
 class CausalBond:
-    """A bond with its stroke.
+    """A bond with its stroke."""
 
-    Parameters
-    ----------
-    tail, head
-        As in the graph.
-    stroke
-        The end that effort is imposed towards.
-    set_by
-        What put it there: a source, a preferred storage, a free choice, what these force (propagated), or
-        nothing that fits (conflict).
-    """
-
+    #: tail, head: As in the graph.
     tail: str
     head: str
-    stroke: Literal["tail", "head"]
+    stroke: Literal["tail", "head"]  # the end that effort is imposed towards
+    #: What put it there: a source, a preferred storage, a free choice, what these force (propagated), or
+    #: nothing that fits (conflict).
     set_by: StrokeReason
 
 
@@ -59,48 +51,24 @@ class CausalState:
 
 @dataclass(frozen=True)
 class _CausalityRemark:
-    """A finding about some nodes, in words.
+    """A finding about some nodes, in words."""
 
-    Parameters
-    ----------
-    nodes
-        The nodes concerned, the most important first.
-    meaning
-        What it means physically.
-    equations
-        For a loop: how many linear equations have to be solved at once.
-    """
-
-    nodes: tuple[str, ...]
-    meaning: str
-    equations: int = 0
+    nodes: tuple[str, ...]  # the nodes concerned, the most important first
+    meaning: str  # what it means physically
+    equations: int = 0  # for a loop: how many linear equations have to be solved at once
 
 
 @dataclass(frozen=True)
 class Causality:
-    """The causality of a graph.
+    """The causality of a graph."""
 
-    Parameters
-    ----------
-    bonds
-        Every bond with its stroke, in the graph's order.
-    elements
-        Every one-port with its causality.
-    states
-        The states: one for each storage that integrates; there are as many as the structure allows.
-    dependent
-        Storages in derivative causality, and what they follow.
-    loops
-        Algebraic loops.
-    conflicts
-        Rules that no assignment can obey; empty for a sound graph.
-    """
-
-    bonds: tuple[CausalBond, ...]
-    elements: tuple[CausalElement, ...]
+    bonds: tuple[CausalBond, ...]  # every bond with its stroke, in the graph's order
+    elements: tuple[CausalElement, ...]  # every one-port with its causality
+    #: The states: one for each storage that integrates; there are as many as the structure allows.
     states: tuple[CausalState, ...]
-    dependent: tuple[_CausalityRemark, ...] = ()
-    loops: tuple[_CausalityRemark, ...] = ()
+    dependent: tuple[_CausalityRemark, ...] = ()  # storages in derivative causality, and what they follow
+    loops: tuple[_CausalityRemark, ...] = ()  # algebraic loops
+    #: Rules that no assignment can obey; empty for a sound graph.
     conflicts: tuple[_CausalityRemark, ...] = field(default=())
 
     @property

@@ -39,13 +39,7 @@ _PRIME = (1 << 61) - 1
 
 
 class _StrokeCompletion:
-    """The loops of a graph, and whether strokes on them can be completed.
-
-    Parameters
-    ----------
-    strokes
-        Strokes on the graph.
-    """
+    """The loops of a graph, and whether strokes on them can be completed."""
 
     def __init__(self, strokes: Strokes) -> None:
         ends = {
@@ -128,17 +122,10 @@ def _follow(strokes: Strokes, start: str, bond: int) -> tuple[str, int, bool]:
 
 @dataclass
 class _AssignedStrokes:
-    """Strokes on every bond, and the conflicts that are left.
-
-    Parameters
-    ----------
-    strokes
-        The strokes.
-    conflicts
-        The bonds that were left over, with the contradiction that each led to.
-    """
+    """Strokes on every bond, and the conflicts that are left."""
 
     strokes: Strokes
+    #: The bonds that were left over, with the contradiction that each led to.
     conflicts: list[tuple[int, Contradiction]]
 
 
@@ -244,16 +231,11 @@ def assign_causality(graph: BondGraph) -> Causality:
     It reads nodes and bonds only, no values, and takes time linear in their number; around loops a step
     may have to be looked ahead.
 
-    Parameters
-    ----------
-    graph
-        The bond graph.
-
     Returns
     -------
     Causality
-        Strokes, states, dependent storage elements and algebraic loops; conflicts where the graph contradicts
-        itself, with the strokes of the rest.
+        Strokes, states, dependent storage elements and algebraic loops; conflicts where the graph
+        contradicts itself, with the strokes of the rest.
     """
     kinds = {name: node.type for name, node in graph.nodes.items()}
     strokes = Strokes(kinds, [(bond.tail, bond.head) for bond in graph.bonds])

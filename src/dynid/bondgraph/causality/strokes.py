@@ -19,36 +19,16 @@ StrokeReason = Literal["source", "preferred", "free", "propagated", "bicausal", 
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Strokes that cannot stand together.
+    """Strokes that cannot stand together."""
 
-    Parameters
-    ----------
-    node
-        The node whose rule they break.
-    surplus
-        Whether the node's rule is met twice; else it is not met at all.
-    roots
-        The bonds whose strokes were chosen, not forced, that it follows from.
-    nodes
-        The nodes that lie between.
-    """
-
-    node: str
-    surplus: bool
-    roots: tuple[int, ...]
-    nodes: tuple[str, ...]
+    node: str  # the node whose rule they break
+    surplus: bool  # whether the node's rule is met twice; else it is not met at all
+    roots: tuple[int, ...]  # the bonds whose strokes were chosen, not forced, that it follows from
+    nodes: tuple[str, ...]  # the nodes that lie between
 
 
 class Strokes:
-    """A partial assignment of strokes, closed under what they force.
-
-    Parameters
-    ----------
-    kinds
-        Node type by name.
-    bonds
-        Tail and head of every bond.
-    """
+    """A partial assignment of strokes, closed under what they force."""
 
     def __init__(self, kinds: Mapping[str, str], bonds: Sequence[tuple[str, str]]) -> None:
         self.kinds, self.bonds = kinds, bonds

@@ -35,35 +35,21 @@ Contributions = Mapping[str, Register]
 
 @dataclass(frozen=True)
 class OnePortEquivalent:
-    """One side of a port as an equivalent source.
+    """One side of a port as an equivalent source."""
 
-    Parameters
-    ----------
-    name
-        'source' or 'load'.
-    end
-        The node that the bond leaves or enters.
-    nodes
-        The nodes that the port depends on, on this side.
-    reduction
-        How it was reduced; None where a source at the port is all that counts.
-    impedance, effort
-        Z_eq, and e_eq for each input that reaches the port; None: an ideal flow source has none.
-    admittance, flow
-        Y_eq and f_eq; None: an ideal effort source has none.
-    opened, shorted
-        Determinants of the side with the flow or the effort at the port held at zero, as far as it lets
-        them be: their zeros are its natural modes then.
-    """
-
-    name: str
-    end: str
-    nodes: tuple[str, ...]
-    reduction: Reduction | None
+    name: str  # 'source' or 'load'
+    end: str  # the node that the bond leaves or enters
+    nodes: tuple[str, ...]  # the nodes that the port depends on, on this side
+    reduction: Reduction | None  # how it was reduced; None where a source at the port is all that counts
+    #: impedance, effort: Z_eq, and e_eq for each input that reaches the port; None: an ideal flow source has
+    #: none.
     impedance: Register | None
     effort: Contributions | None
+    #: admittance, flow: Y_eq and f_eq; None: an ideal effort source has none.
     admittance: Register | None
     flow: Contributions | None
+    #: opened, shorted: Determinants of the side with the flow or the effort at the port held at zero, as far
+    #: as it lets them be: their zeros are its natural modes then.
     opened: Register | None
     shorted: Register | None
 
@@ -158,8 +144,6 @@ class Decomposition(GraphProgram):
 
     Parameters
     ----------
-    graph
-        The bond graph.
     port
         A bond of it, written from the source to the load.
     inputs
@@ -171,8 +155,6 @@ class Decomposition(GraphProgram):
     ----------
     sources, inputs
         The sources kept, and the same with the equivalent sources of stored energy.
-    source, load
-        The two sides.
     driven
         The load driven by an ideal source side; None where the source side is not ideal.
     effort, flow

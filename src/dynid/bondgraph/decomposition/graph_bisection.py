@@ -20,17 +20,7 @@ _FEEDING: dict[str, NodeType] = {"0": "Sf", "1": "Se"}
 
 
 def bond_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> str:
-    """Return the reason why a port is no bond of a graph, written either way, or an empty text.
-
-    Parameters
-    ----------
-    types
-        Node type by name.
-    bonds
-        The bonds.
-    port
-        The port.
-    """
+    """Return the reason why a port is no bond of a graph, written either way, or an empty text."""
     unknown = [name for name in (port.tail, port.head) if name not in types]
     if unknown:
         return "; ".join(f"no node '{name}'{did_you_mean(name, types)}" for name in unknown)
@@ -48,7 +38,8 @@ def loop_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> s
     Parameters
     ----------
     types, bonds, port
-        As for `bond_fault`; where the graph has other faults, which are reported elsewhere, there is none.
+        As for `bond_fault`; where the graph has other faults, which are reported elsewhere, there is
+        none.
     """
     nodes = [
         Node(name, cast("NodeType", kind), Fraction(1) if kind in VALUED else None)
@@ -77,26 +68,17 @@ class BondOnLoop(UsageError):
 class GraphBisection:
     """A port whose bond is cut.
 
-    Parameters
-    ----------
-    graph
-        The graph.
-    port
-        The bond, written from the source to the load.
-    drawn
-        The same bond as the graph has it.
-
     Raises
     ------
     UsageError
         Where the graph has no such bond, or (`BondOnLoop`) the cut does not part it: power also passes
-        the other way, and neither side has an impedance of its own. (A loop through a junction whose common
-        variable an ideal source fixes is none in this sense: nothing passes such a junction.)
+        the other way, and neither side has an impedance of its own. (A loop through a junction whose
+        common variable an ideal source fixes is none in this sense: nothing passes such a junction.)
     """
 
     graph: BondGraph
-    port: Bond
-    drawn: Bond
+    port: Bond  # the bond, written from the source to the load
+    drawn: Bond  # the same bond as the graph has it
 
     @classmethod
     def at(cls, graph: BondGraph, port: Bond) -> GraphBisection:

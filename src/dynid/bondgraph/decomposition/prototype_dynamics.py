@@ -32,34 +32,22 @@ _REFINED_BITS, _MAX_NEWTON_STEPS = 192, 40
 
 @dataclass(frozen=True)
 class PrototypeDynamics:
-    """Zero and pole dynamics of a prototype.
-
-    Parameters
-    ----------
-    prototype
-        The prototype.
-    systems
-        Its systems A and B (`Prototype.systems`) in lowest terms.
-    zero, pole
-        The polynomials of the printed equations (flint `fmpz_poly`); 0 where the condition always holds.
-    driving_point
-        The driving-point relation (eqs 1 to 4); None where it does not exist.
-    response
-        The response that eqs 5 to 8 name (`Prototype.response_name`); None where it does not exist.
-    natural
-        The polynomial of all natural modes with the driving port removed: the determinant of the whole.
-    shown
-        The factor of it whose modes the systems A and B show.
-    """
+    """Zero and pole dynamics of a prototype."""
 
     prototype: Prototype
+    #: Its systems A and B (`Prototype.systems`) in lowest terms.
     systems: tuple[TransferFunction, TransferFunction]
+    #: zero, pole: The polynomials of the printed equations (flint `fmpz_poly`); 0 where the condition always
+    #: holds.
     zero: Any
     pole: Any
+    #: The driving-point relation (eqs 1 to 4); None where it does not exist.
     driving_point: TransferFunction | None
+    #: The response that eqs 5 to 8 name (`Prototype.response_name`); None where it does not exist.
     response: TransferFunction | None
+    #: The polynomial of all natural modes with the driving port removed: the determinant of the whole.
     natural: Any
-    shown: Any
+    shown: Any  # the factor of it whose modes the systems A and B show
 
     @property
     def zero_equation(self) -> str:
@@ -177,15 +165,7 @@ def _refined(polynomial: Any, value: complex) -> Any:
 
 
 def prototype_dynamics(planned: GraphProgram, prototype: Prototype) -> PrototypeDynamics:
-    """Return the zero and pole dynamics of a prototype.
-
-    Parameters
-    ----------
-    planned
-        The graph whose program holds the prototype's registers.
-    prototype
-        The prototype.
-    """
+    """Return the zero and pole dynamics of a prototype."""
     assert prototype.released is not None
     registers, characteristic = [register for _, register in prototype.systems], prototype.released()
     ratios = planned.rational([*registers, characteristic])

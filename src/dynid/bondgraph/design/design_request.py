@@ -29,28 +29,15 @@ NormKind = Literal["peak", "h2", "hinf"]
 
 @dataclass(frozen=True)
 class RootTarget:
-    """A wanted zero or pole of a channel.
-
-    Parameters
-    ----------
-    kind
-        zero or pole.
-    output, input
-        The channel.
-    frequency
-        Natural frequency |s|, rad/s.
-    damping
-        Damping ratio -Re s/|s|, from -1 to 1; 1 and -1 are real roots. None: any that oscillates.
-    hertz
-        True if its frequency is shown in Hz.
-    """
+    """A wanted zero or pole of a channel."""
 
     kind: RootKind
     output: Port
     input: str
-    frequency: float
+    frequency: float  # natural frequency |s|, rad/s
+    #: Damping ratio -Re s/|s|, from -1 to 1; 1 and -1 are real roots. None: any that oscillates.
     damping: float | None = None
-    hertz: bool = False
+    hertz: bool = False  # True if its frequency is shown in Hz
 
     @property
     def value(self) -> complex:
@@ -80,24 +67,14 @@ class RootTarget:
 
 @dataclass(frozen=True)
 class Criterion:
-    """A norm of a channel that is minimised: the sum of all, each times its weight.
+    """A norm of a channel that is minimised: the sum of all, each times its weight."""
 
-    Parameters
-    ----------
-    kind
-        peak: the largest magnitude in a band. hinf: over all frequencies. h2: the root of the mean square
-        of the response to white noise of intensity 1.
-    output, input
-        The channel.
-    low, high
-        The band of a peak, rad/s.
-    weight
-        Its weight.
-    """
-
+    #: peak: the largest magnitude in a band. hinf: over all frequencies. h2: the root of the mean square of
+    #: the response to white noise of intensity 1.
     kind: NormKind
     output: Port
     input: str
+    #: low, high: The band of a peak, rad/s.
     low: float = 0.0
     high: float = math.inf
     weight: float = 1.0
@@ -121,29 +98,14 @@ Target = RootTarget | Criterion
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A request to a design.
+    """A request to a design."""
 
-    Parameters
-    ----------
-    graph
-        The graph; values of its nodes depend on the free parameters.
-    free
-        The free parameters (p) with their starts and limits.
-    targets
-        What is wanted (m), in the order of the scene.
-    starts
-        How many starts are tried: the given one, and others at random within the limits.
-    seed
-        Seed of the random starts.
-    compared
-        Values of free parameters, by the name of another design, whose targets are reported beside.
-    """
-
-    graph: BondGraph
-    free: tuple[Parameter, ...]
-    targets: tuple[Target, ...]
-    starts: int = 8
-    seed: int = 0
+    graph: BondGraph  # the graph; values of its nodes depend on the free parameters
+    free: tuple[Parameter, ...]  # the free parameters (p) with their starts and limits
+    targets: tuple[Target, ...]  # what is wanted (m), in the order of the scene
+    starts: int = 8  # how many starts are tried: the given one, and others at random within the limits
+    seed: int = 0  # seed of the random starts
+    #: Values of free parameters, by the name of another design, whose targets are reported beside.
     compared: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
@@ -164,23 +126,15 @@ _MISSING_RESIDUAL = 1e12
 
 
 class Reached(NamedTuple):
-    """The root that is nearest to a target: frequency, damping ratio, and its residuals.
+    """The root that is nearest to a target: frequency, damping ratio, and its residuals."""
 
-    Attributes
-    ----------
-    frequency, damping
-        Natural frequency, rad/s, and damping ratio.
-    residuals
-        Logarithm of the frequency over the wanted one, and the difference of the damping ratios where one is
-        wanted; of a real root its distance over the wanted one (1 or 2).
-    slopes
-        Derivatives of the residuals (1 or 2 x p).
-    """
-
+    #: frequency, damping: Natural frequency, rad/s, and damping ratio.
     frequency: float
     damping: float
+    #: Logarithm of the frequency over the wanted one, and the difference of the damping ratios where one is
+    #: wanted; of a real root its distance over the wanted one (1 or 2).
     residuals: Array
-    slopes: Array
+    slopes: Array  # derivatives of the residuals (1 or 2 x p)
 
 
 def residual_count(target: RootTarget) -> int:
@@ -195,8 +149,6 @@ def nearest(
 
     Parameters
     ----------
-    targets
-        Wanted zeros or poles of one channel.
     values, slopes
         Its roots (m), and their derivatives (m x p).
     """

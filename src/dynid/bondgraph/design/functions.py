@@ -41,13 +41,7 @@ _FREQUENCY_RTOL = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """The coordinates of free parameters (p): logarithms, or multiples of a typical size.
-
-    Parameters
-    ----------
-    free
-        The parameters.
-    """
+    """The coordinates of free parameters (p): logarithms, or multiples of a typical size."""
 
     free: tuple[Parameter, ...]
 
@@ -121,25 +115,14 @@ def _size(parameter: Parameter) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Norm:
-    """A norm at some values: the pieces that it is the largest of, with derivatives by the coordinates.
+    """A norm at some values: the pieces that it is the largest of, with derivatives by the coordinates."""
 
-    Attributes
-    ----------
-    values, slopes
-        The pieces (k), and their derivatives (k x p).
-    system
-        The system, hidden modes moved.
-    maxima
-        The local maxima that the pieces are; None of an H2 norm.
-    why
-        Why there is none: then it is infinite.
-    """
-
+    #: values, slopes: The pieces (k), and their derivatives (k x p).
     values: Array
     slopes: Array
-    system: ParametricSystem | None = None
-    maxima: norms.Maxima | None = None
-    why: str = ""
+    system: ParametricSystem | None = None  # the system, hidden modes moved
+    maxima: norms.Maxima | None = None  # the local maxima that the pieces are; None of an H2 norm
+    why: str = ""  # why there is none: then it is infinite
 
     @property
     def value(self) -> float:
@@ -149,25 +132,14 @@ class Norm:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """The targets at some coordinates (p).
-
-    Attributes
-    ----------
-    eta
-        The coordinates.
-    residuals, jacobian
-        Of all wanted roots (r), and their derivatives by the coordinates (r x p).
-    reached
-        The nearest root of each target; None where there is none.
-    norms
-        The norms to minimise.
-    """
+    """The targets at some coordinates (p)."""
 
     eta: Array
+    #: residuals, jacobian: Of all wanted roots (r), and their derivatives by the coordinates (r x p).
     residuals: Array
     jacobian: Array
-    reached: tuple[Reached | None, ...]
-    norms: tuple[Norm, ...]
+    reached: tuple[Reached | None, ...]  # the nearest root of each target; None where there is none
+    norms: tuple[Norm, ...]  # the norms to minimise
 
     @property
     def exists(self) -> bool:
@@ -177,11 +149,6 @@ class Evaluation:
 
 class DesignFunctions:
     """The targets of a design as functions of the coordinates of its free parameters.
-
-    Parameters
-    ----------
-    design
-        The design.
 
     Attributes
     ----------

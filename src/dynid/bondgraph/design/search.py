@@ -33,48 +33,26 @@ _ACTIVE_RTOL = 1e-5
 
 
 class _Conditions(NamedTuple):
-    """First- and second-order conditions of a minimum.
+    """First- and second-order conditions of a minimum."""
 
-    Attributes
-    ----------
-    stationarity
-        The gradient of the Lagrangian in the free coordinates, over the sum of its terms, or the norms if
-        these are larger.
-    curvature
-        The least curvature along the coordinates that the active pieces leave free; infinite where they leave
-        none.
-    active
-        How many maxima are active: equal, and as large as the norm.
-    verified
-        True if both conditions hold, and no multiplier has the wrong sign.
-    """
-
+    #: The gradient of the Lagrangian in the free coordinates, over the sum of its terms, or the norms if
+    #: these are larger.
     stationarity: float
+    #: The least curvature along the coordinates that the active pieces leave free; infinite where they leave
+    #: none.
     curvature: float
-    active: int
-    verified: bool
+    active: int  # how many maxima are active: equal, and as large as the norm
+    verified: bool  # True if both conditions hold, and no multiplier has the wrong sign
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The end of a search.
-
-    Attributes
-    ----------
-    evaluation
-        The targets there.
-    objective
-        The weighted sum of the norms; 0 without any.
-    met
-        True if every wanted root is reached.
-    conditions
-        Of the minimum; None without a norm to minimise.
-    """
+    """The end of a search."""
 
     evaluation: Evaluation
-    objective: float
-    met: bool
-    conditions: _Conditions | None = None
+    objective: float  # the weighted sum of the norms; 0 without any
+    met: bool  # True if every wanted root is reached
+    conditions: _Conditions | None = None  # of the minimum; None without a norm to minimise
 
 
 # --- wanted roots ----------------------------------------------------------------------------------
@@ -141,21 +119,13 @@ def _corrected(functions: DesignFunctions, here: Evaluation) -> Evaluation:
 
 
 class _Problem(NamedTuple):
-    """The pieces of all norms and the residuals of all roots at a point, scaled.
+    """The pieces of all norms and the residuals of all roots at a point, scaled."""
 
-    Attributes
-    ----------
-    values, slopes
-        The pieces (k, k x p), times scale and weight.
-    owner
-        The norm of each piece (k).
-    residuals, jacobian
-        Of the roots.
-    """
-
+    #: values, slopes: The pieces (k, k x p), times scale and weight.
     values: Array
     slopes: Array
-    owner: NDArray[np.intp]
+    owner: NDArray[np.intp]  # the norm of each piece (k)
+    #: residuals, jacobian: Of the roots.
     residuals: Array
     jacobian: Array
 

@@ -32,27 +32,13 @@ class Optimum:
 
 @dataclass(frozen=True, eq=False)
 class Designed:
-    """A design that meets its targets.
+    """A design that meets its targets."""
 
-    Attributes
-    ----------
-    functions
-        The targets as functions of the free parameters.
-    start
-        The targets at the start.
-    optima
-        The solutions found, the chosen one first, then by their norms.
-    idle
-        Free parameters that no target depends on: they keep their starts.
-    ended
-        How many starts ended in a solution.
-    """
-
-    functions: DesignFunctions
-    start: Evaluation
-    optima: tuple[Optimum, ...]
-    idle: tuple[str, ...]
-    ended: int
+    functions: DesignFunctions  # the targets as functions of the free parameters
+    start: Evaluation  # the targets at the start
+    optima: tuple[Optimum, ...]  # the solutions found, the chosen one first, then by their norms
+    idle: tuple[str, ...]  # free parameters that no target depends on: they keep their starts
+    ended: int  # how many starts ended in a solution
 
     @property
     def solution(self) -> Solution:

@@ -25,13 +25,7 @@ from dynid.lti.stability import TransferProperties
 
 
 class FloatEngine:
-    """The channels of a graph, their roots found in floating point where they are asked for.
-
-    Parameters
-    ----------
-    reduced
-        The graph.
-    """
+    """The channels of a graph, their roots found in floating point where they are asked for."""
 
     def __init__(self, reduced: ReducedGraph) -> None:
         self.reduced = reduced

@@ -31,15 +31,9 @@ from dynid.suggestions import shortened
 
 @dataclass(frozen=True)
 class RootCounts:
-    """Exact counts of the roots of one polynomial.
+    """Exact counts of the roots of one polynomial."""
 
-    Parameters
-    ----------
-    polynomial
-        The polynomial modulo a prime (flint `nmod_poly`, or `fmpz_mod_poly` of a long one).
-    """
-
-    polynomial: Any
+    polynomial: Any  # the polynomial modulo a prime (flint `nmod_poly`, or `fmpz_mod_poly` of a long one)
 
     @property
     def degree(self) -> int:
@@ -110,21 +104,12 @@ def modular_ratios(
 
 @dataclass(frozen=True, eq=False)
 class RootDiscs:
-    """Roots of a polynomial, one for each multiplicity.
+    """Roots of a polynomial, one for each multiplicity."""
 
-    Parameters
-    ----------
-    centre
-        Approximate roots, rad/s.
-    radius
-        Estimates of their errors, rad/s; 0 of what is exact.
-    residual
-        Relative residual of the equations at each, entry by entry: about 1e-16 where the root is exact for
-        coefficients that were changed in their last digit.
-    """
-
-    centre: NDArray[np.complex128]
-    radius: NDArray[np.float64]
+    centre: NDArray[np.complex128]  # approximate roots, rad/s
+    radius: NDArray[np.float64]  # estimates of their errors, rad/s; 0 of what is exact
+    #: Relative residual of the equations at each, entry by entry: about 1e-16 where the root is exact for
+    #: coefficients that were changed in their last digit.
     residual: NDArray[np.float64]
 
     def __len__(self) -> int:
@@ -180,28 +165,15 @@ _REPEATED_ROOT_RTOL = 2.0**-40
 
 @dataclass(frozen=True)
 class EstimatedRoot:
-    """A root with an error estimate.
-
-    Parameters
-    ----------
-    value
-        The root, rad/s.
-    multiplicity
-        Its multiplicity; roots that cannot be distinguished stand side by side.
-    radius
-        Estimate of the error, rad/s.
-    side
-        -1 in the open left half-plane, 0 on the imaginary axis, +1 in the open right half-plane, None where
-        the error leaves that open.
-    residual
-        Relative residual of the equations.
-    """
+    """A root with an error estimate."""
 
     value: complex
-    multiplicity: int
-    radius: float
+    multiplicity: int  # its multiplicity; roots that cannot be distinguished stand side by side
+    radius: float  # estimate of the error, rad/s
+    #: -1 in the open left half-plane, 0 on the imaginary axis, +1 in the open right half-plane, None where
+    #: the error leaves that open.
     side: int | None
-    residual: float
+    residual: float  # relative residual of the equations
 
 
 def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tuple[EstimatedRoot, ...]:
@@ -212,13 +184,9 @@ def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tu
 
     Parameters
     ----------
-    discs
-        The roots.
-    counts
-        Their counts.
     strict
-        True: distinct roots that overlap, a side that is open, and repeated roots with a relative error above
-        `_REPEATED_ROOT_RTOL` are undecided as well.
+        True: distinct roots that overlap, a side that is open, and repeated roots with a relative error
+        above `_REPEATED_ROOT_RTOL` are undecided as well.
 
     Raises
     ------
@@ -332,13 +300,7 @@ def cancelling(
 
 
 def checked(discs: RootDiscs, count: int) -> RootDiscs:
-    """Return the roots where their number is right.
-
-    Raises
-    ------
-    Undecided
-        Where it is not.
-    """
+    """Return the roots where their number is right."""
     if len(discs) != count:
         raise _undecided(f"all roots ({len(discs)} found, there are {count})", discs)
     return discs

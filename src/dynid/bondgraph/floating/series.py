@@ -91,13 +91,7 @@ class LaurentSeries:
 
 
 class _CertifiedNumber:
-    """A number known twice: modulo a large prime, where it vanishes only if it is zero, and in a ball.
-
-    Parameters
-    ----------
-    residue, ball
-        Both (flint `nmod` and `arb`).
-    """
+    """A number known twice: modulo a large prime, where it vanishes only if it is zero, and in a ball."""
 
     __slots__ = ("ball", "residue")
 
@@ -167,13 +161,7 @@ def _sharp(
     is_known: Callable[[LaurentSeries], bool],
     precisions: Sequence[int] = SERIES_PRECISIONS,
 ) -> dict[int, LaurentSeries]:
-    """Return the series of registers in t, s = t^power, with as many bits as their first terms take.
-
-    Raises
-    ------
-    NumericalError
-        Where no number of bits is enough.
-    """
+    """Return the series of registers in t, s = t^power, with as many bits as their first terms take."""
     from flint import ctx
 
     requested = list(registers)
@@ -192,17 +180,7 @@ def _sharp(
 def leading_terms(
     reduced: ReducedGraph, registers: Iterable[int], *, at_infinity: bool
 ) -> dict[int, tuple[int, float]]:
-    """Return the leading terms of registers that do not vanish: (k, c) for c s^k at s = 0 or infinity.
-
-    Parameters
-    ----------
-    reduced
-        The graph.
-    registers
-        What to expand.
-    at_infinity
-        Whether as s grows, or falls to 0.
-    """
+    """Return the leading terms of registers that do not vanish: (k, c) for c s^k at s = 0 or infinity."""
     sign = -1 if at_infinity else 1
     run = _sharp(reduced, registers, sign, lambda series: bool(series.coefficients))
     return {
@@ -217,12 +195,8 @@ def limits_at_rest(
 
     Parameters
     ----------
-    planned
-        What the program was written for.
     registers
         What to evaluate; they may vanish.
-    precisions
-        How many bits to try.
 
     Raises
     ------
@@ -246,8 +220,6 @@ def orders_on_axis(planned: GraphProgram, registers: Iterable[int], omega: Fract
 
     Parameters
     ----------
-    planned
-        What the program was written for.
     registers
         What to expand; of those that vanish any positive order is returned.
     omega

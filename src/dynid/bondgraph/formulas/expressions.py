@@ -32,17 +32,9 @@ def print_register(
 
     Parameters
     ----------
-    program
-        Holds the register.
-    register
-        What to print.
-    nodes
-        The nodes of the graph.
     labels
-        Names of intermediate results, at which to stop (but the register itself is spelled out); none: write
-        everything in terms of the elements.
-    hand
-        How to write.
+        Names of intermediate results, at which to stop (but the register itself is spelled out); none:
+        write everything in terms of the elements.
     """
     return hand.listed(print_sum(program, [(register, True)], nodes, labels, hand))
 
@@ -190,17 +182,8 @@ def shared(program: Program, registers: Collection[Register], longest: int) -> l
 
     Parameters
     ----------
-    program
-        Holds the registers.
-    registers
-        What is to be written.
     longest
         Most operations of a formula before a part of it is named.
-
-    Returns
-    -------
-    list
-        Registers in the order of the program.
     """
     behind = set(registers)
     for register in range(max(registers, default=-1), -1, -1):

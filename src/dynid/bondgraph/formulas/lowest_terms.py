@@ -29,18 +29,10 @@ class _ReducedQuotient(NamedTuple):
 
 
 class RegisterExpression(NamedTuple):
-    """The registers of a formula.
+    """The registers of a formula."""
 
-    Parameters
-    ----------
-    order
-        Its registers, operands first, itself last.
-    named
-        Those that are written by a name.
-    """
-
-    order: tuple[Register, ...]
-    named: Mapping[Register, str]
+    order: tuple[Register, ...]  # its registers, operands first, itself last
+    named: Mapping[Register, str]  # those that are written by a name
 
 
 def independent(
@@ -85,17 +77,7 @@ def _names(node: Node) -> list[str]:
 
 
 class FormulaRing:
-    """The polynomials that expressions are made of.
-
-    Parameters
-    ----------
-    program
-        Holds the registers.
-    expressions
-        What they are.
-    nodes
-        The nodes of the graph.
-    """
+    """The polynomials that expressions are made of."""
 
     def __init__(
         self, program: Program, expressions: Iterable[RegisterExpression], nodes: Mapping[str, Node]

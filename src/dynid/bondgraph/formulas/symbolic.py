@@ -25,8 +25,6 @@ class SymbolicQuotient(FactoredQuotient):
     ----------
     factors, sign
         As for any quotient; all polynomials are of one context.
-    ring
-        That context.
     limit
         Largest number of terms of a polynomial before `FormulaTooLong` is raised.
     """

@@ -73,8 +73,6 @@ def expanded(reduced: ReducedGraph, terms: int) -> dict[Channel, Polynomials]:
 
     Parameters
     ----------
-    reduced
-        The graph.
     terms
         Most terms of a polynomial, the intermediate ones included.
 
@@ -103,12 +101,8 @@ def nested(reduced: ReducedGraph, registers: Iterable[Register], hand: FormulaPr
 
     Parameters
     ----------
-    reduced
-        The graph.
     registers
         What the program ends in; the last assignments are called T, or T1, T2, ….
-    hand
-        How to write.
 
     Raises
     ------

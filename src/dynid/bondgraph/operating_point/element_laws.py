@@ -23,12 +23,6 @@ class Gradient:
 
     Parameters
     ----------
-    expression
-        The expression.
-    constants
-        The values of its other names.
-    variables
-        The names that it is a function of.
     high
         Whether the numbers are those of flint (`arb`), at the precision of its context; else floats.
 
@@ -88,11 +82,9 @@ class Gradient:
 
         Parameters
         ----------
-        values
-            Values of the variables.
         side
-            Sign of the argument of `abs` where it is zero; positive: `min` and `max` take the first one of
-            equal arguments, else the last. Slopes that differ between both sides are those of a kink.
+            Sign of the argument of `abs` where it is zero; positive: `min` and `max` take the first one
+            of equal arguments, else the last. Slopes that differ between both sides are those of a kink.
 
         Raises
         ------
@@ -198,24 +190,14 @@ def _on_high_precision() -> dict[str, Callable[..., Any]]:
 
 @dataclass(frozen=True)
 class Law:
-    """The law of a node.
+    """The law of a node."""
 
-    Parameters
-    ----------
-    gives
-        ``e``: effort of an R or C; ``f``: flow of an R or I; ``value``: the resistance of an R, or the
-        modulus of a TF or GY. Where the bond leaves the element its effort or flow is minus the law.
-    expression
-        The law.
-    constants
-        Values of its parameters.
-    variables
-        Its variables, by the names that the expression has for them; its own one is that of the node.
-    """
-
+    #: ``e``: effort of an R or C; ``f``: flow of an R or I; ``value``: the resistance of an R, or the modulus
+    #: of a TF or GY. Where the bond leaves the element its effort or flow is minus the law.
     gives: Literal["e", "f", "value"]
     expression: Expression
-    constants: Mapping[str, Number]
+    constants: Mapping[str, Number]  # values of its parameters
+    #: Its variables, by the names that the expression has for them; its own one is that of the node.
     variables: Mapping[str, Port]
 
     def gradient(self, high: bool = False) -> Gradient:
@@ -230,18 +212,10 @@ class Law:
 
 @dataclass(frozen=True)
 class LawGraph:
-    """A graph, some of whose nodes have laws in place of values.
+    """A graph, some of whose nodes have laws in place of values."""
 
-    Parameters
-    ----------
-    graph
-        The graph. The values of nodes with laws have no meaning.
-    laws
-        The laws, by node.
-    """
-
-    graph: BondGraph
-    laws: Mapping[str, Law]
+    graph: BondGraph  # the graph. The values of nodes with laws have no meaning.
+    laws: Mapping[str, Law]  # the laws, by node
 
     def own(self, name: str) -> Port:
         """Return the variable whose slope is the value of an element with a law."""

@@ -31,43 +31,22 @@ Row = dict[int, Fraction]
 
 @dataclass(frozen=True)
 class LawRow:
-    """An equation with a law: a variable equals sign x law; of a modulus times another variable.
-
-    Parameters
-    ----------
-    node
-        The node.
-    out
-        Column of the variable.
-    sign
-        1 or -1.
-    arguments
-        Columns of the law's variables.
-    factor
-        Column of the variable that a modulus multiplies; -1: the law gives the variable itself.
-    """
+    """An equation with a law: a variable equals sign x law; of a modulus times another variable."""
 
     node: str
-    out: int
+    out: int  # column of the variable
     sign: int
-    arguments: tuple[int, ...]
+    arguments: tuple[int, ...]  # columns of the law's variables
+    #: Column of the variable that a modulus multiplies; -1: the law gives the variable itself.
     factor: int = -1
 
 
 @dataclass(frozen=True)
 class Conserved:
-    """A combination of states whose rate is zero, or the constant that sources give it.
+    """A combination of states whose rate is zero, or the constant that sources give it."""
 
-    Parameters
-    ----------
-    weights
-        Its coefficients, by state.
-    rate
-        Its rate by source: coefficients.
-    """
-
-    weights: Mapping[Port, Fraction]
-    rate: Mapping[str, Fraction]
+    weights: Mapping[Port, Fraction]  # its coefficients, by state
+    rate: Mapping[str, Fraction]  # its rate by source: coefficients
 
 
 @dataclass
@@ -75,16 +54,10 @@ class LawEquations:
     """The equations of a graph with laws.
 
     Columns are e and f of every bond, then the states.
-
-    Parameters
-    ----------
-    model
-        The graph.
-    integrals
-        Displacements and momenta that are outputs, beside those of storages and laws.
     """
 
     model: LawGraph
+    #: Displacements and momenta that are outputs, beside those of storages and laws.
     integrals: Iterable[Port] = ()
     rows: list[tuple[str, Row, str]] = field(default_factory=list)  # node, coefficients, source on the right
     laws: list[LawRow] = field(default_factory=list)
@@ -235,24 +208,13 @@ class LawEquations:
 
 @dataclass
 class LawSystem:
-    """Equations to solve: linear ones and laws.
-
-    Parameters
-    ----------
-    equations
-        The equations of the graph.
-    linear
-        The linear equations: their node, coefficients and right side.
-    lines
-        Whether lines among the linear equations stand in for the laws.
-    fixed
-        Columns of variables that are not solved for; their derivatives are zero.
-    """
+    """Equations to solve: linear ones and laws."""
 
     equations: LawEquations
+    #: The linear equations: their node, coefficients and right side.
     linear: Sequence[tuple[str, Row, Fraction]]
-    lines: bool = False
-    fixed: tuple[int, ...] = ()
+    lines: bool = False  # whether lines among the linear equations stand in for the laws
+    fixed: tuple[int, ...] = ()  # columns of variables that are not solved for; their derivatives are zero
 
     def __post_init__(self) -> None:
         laws = self.equations.model.laws
@@ -337,8 +299,6 @@ def at_rest(
 
     Parameters
     ----------
-    equations
-        The equations of the graph.
     inputs
         Constant values of sources; others are zero.
     start

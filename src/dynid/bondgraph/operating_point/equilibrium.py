@@ -31,64 +31,37 @@ Choice = Literal["nearest", "stable"] | int
 
 @dataclass(frozen=True)
 class OperatingPointRequest:
-    """An operating point to find or to take.
+    """An operating point to find or to take."""
 
-    Parameters
-    ----------
-    inputs
-        Constant values of sources. Others are zero at an equilibrium, and free at a given point.
-    values
-        Values of variables that give the point; empty: an equilibrium is solved for.
-    start
-        Values of variables where the iteration starts; of conserved quantities it determines the value.
-    starts, seed
-        Number of further, random starts, and their seed.
-    ranges
-        Ranges of variables at the random starts.
-    choose
-        The equilibrium to analyse: the first one found, from the start where that leads to one; the first
-        stable one; or one by its number from 1.
-    """
-
+    #: Constant values of sources. Others are zero at an equilibrium, and free at a given point.
     inputs: Mapping[str, Fraction] = field(default_factory=dict)
+    #: Values of variables that give the point; empty: an equilibrium is solved for.
     values: Mapping[Port, Fraction] = field(default_factory=dict)
+    #: Values of variables where the iteration starts; of conserved quantities it determines the value.
     start: Mapping[Port, Fraction] = field(default_factory=dict)
+    #: starts, seed: Number of further, random starts, and their seed.
     starts: int = 16
     seed: int = 0
+    #: Ranges of variables at the random starts.
     ranges: Mapping[Port, tuple[float, float]] = field(default_factory=dict)
+    #: The equilibrium to analyse: the first one found, from the start where that leads to one; the first
+    #: stable one; or one by its number from 1.
     choose: Choice = "nearest"
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A point of a graph with laws.
-
-    Parameters
-    ----------
-    equations
-        The equations of the graph.
-    request
-        What was asked for.
-    solution
-        The point.
-    equilibria
-        All equilibria found, in the order of their distance from the start; of a given point none.
-    stable
-        By equilibrium 1 where all natural modes decay, -1 where one grows, 0 where one does neither.
-    number
-        Number of the chosen one, from 1; 0 of a given point.
-    drift
-        Rates of states at a given point that is no equilibrium.
-    warnings
-        Warnings.
-    """
+    """A point of a graph with laws."""
 
     equations: LawEquations
     request: OperatingPointRequest
     solution: NewtonSolution
+    #: All equilibria found, in the order of their distance from the start; of a given point none.
     equilibria: tuple[NewtonSolution, ...] = ()
+    #: By equilibrium 1 where all natural modes decay, -1 where one grows, 0 where one does neither.
     stable: tuple[int, ...] = ()
-    number: int = 0
+    number: int = 0  # number of the chosen one, from 1; 0 of a given point
+    #: Rates of states at a given point that is no equilibrium.
     drift: Mapping[Port, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 

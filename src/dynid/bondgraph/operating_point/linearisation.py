@@ -38,44 +38,21 @@ _SLOPE_BITS = 256
 
 @dataclass(frozen=True)
 class _LawSlopes:
-    """An equation of a law at a point: what it gives, and its slopes.
+    """An equation of a law at a point: what it gives, and its slopes."""
 
-    Parameters
-    ----------
-    row
-        The equation.
-    value
-        What the law gives, times another variable where it is a modulus.
-    slopes
-        Derivatives by column, those by the element's own variable and by others.
-    """
-
-    row: LawRow
-    value: float
-    slopes: dict[int, Any]
+    row: LawRow  # the equation
+    value: float  # what the law gives, times another variable where it is a modulus
+    slopes: dict[int, Any]  # derivatives by column, those by the element's own variable and by others
 
 
 @dataclass(frozen=True)
 class Linearisation:
-    """A graph with laws as a linear one.
-
-    Parameters
-    ----------
-    graph
-        The linear graph.
-    variables
-        Variables that are elsewhere in it, under the names that they had.
-    slopes
-        The slopes of the laws, rounded to doubles.
-    flat
-        Nodes whose law has the slope zero by its own variable: they are junctions of one bond.
-    point
-        The operating point.
-    """
+    """A graph with laws as a linear one."""
 
     graph: BondGraph
-    variables: dict[Port, Port]
-    slopes: tuple[_LawSlopes, ...]
+    variables: dict[Port, Port]  # variables that are elsewhere in it, under the names that they had
+    slopes: tuple[_LawSlopes, ...]  # the slopes of the laws, rounded to doubles
+    #: Nodes whose law has the slope zero by its own variable: they are junctions of one bond.
     flat: tuple[str, ...]
     point: OperatingPoint
 
@@ -146,15 +123,7 @@ def _no_slope(node: str, problem: str) -> Singular:
 
 
 class _LinearCircuit(Circuit):
-    """The linear graph at a point.
-
-    Parameters
-    ----------
-    point
-        The point.
-    slopes
-        The equations of the laws with their slopes.
-    """
+    """The linear graph at a point."""
 
     part = "law"
 

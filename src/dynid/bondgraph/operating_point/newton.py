@@ -37,8 +37,6 @@ class Factor:
 
     Parameters
     ----------
-    matrix
-        The derivatives of the equations by the variables.
     fixed
         Columns of variables that are not solved for, which are zero.
     """
@@ -128,33 +126,15 @@ def equilibrated(matrix: csr_array) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 @dataclass(frozen=True)
 class NewtonSolution:
-    """A solution of equations.
+    """A solution of equations."""
 
-    Parameters
-    ----------
-    z
-        The variables, rounded to doubles.
-    exact
-        The same at high precision (flint `arb`).
-    residual
-        The largest residual of an equation beside its terms, at the rounded variables.
-    condition
-        Condition of the equations with scaled variables; inf where they are singular.
-    free
-        Columns of variables that the equations leave open.
-    worst
-        The node whose equation has the largest residual.
-    scale
-        Sizes of the variables by equilibration.
-    """
-
-    z: NDArray[np.float64]
-    exact: list[Any]
-    residual: float
-    condition: float
-    free: tuple[int, ...]
-    worst: str
-    scale: NDArray[np.float64]
+    z: NDArray[np.float64]  # the variables, rounded to doubles
+    exact: list[Any]  # the same at high precision (flint `arb`)
+    residual: float  # the largest residual of an equation beside its terms, at the rounded variables
+    condition: float  # condition of the equations with scaled variables; inf where they are singular
+    free: tuple[int, ...]  # columns of variables that the equations leave open
+    worst: str  # the node whose equation has the largest residual
+    scale: NDArray[np.float64]  # sizes of the variables by equilibration
 
 
 def iterate(system: LawSystem, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], Factor] | None:

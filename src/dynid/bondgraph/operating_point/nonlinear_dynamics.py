@@ -33,8 +33,6 @@ class LawDynamics:
 
     Parameters
     ----------
-    equations
-        The equations of the graph.
     z
         Variables at the point; they set the units of all others.
     sources

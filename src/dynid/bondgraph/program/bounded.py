@@ -22,13 +22,6 @@ class Bounded:
     """Complex arrays that carry a bound on their own rounding error.
 
     A pivot that vanishes at some frequency shows as a large bound there, never as a wrong number.
-
-    Parameters
-    ----------
-    value
-        Complex numbers of any shape.
-    error
-        Bound on the absolute error of each.
     """
 
     __slots__ = ("error", "value")
@@ -77,17 +70,7 @@ def bounded_response(
     values: Mapping[str, float | Fraction],
     omega: NDArray[np.float64],
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """Return registers at s = j omega, and bounds on their errors; both of shape (omega, register).
-
-    Parameters
-    ----------
-    program, registers
-        The program, and the registers.
-    values
-        The values of its parameters.
-    omega
-        Angular frequencies, rad/s.
-    """
+    """Return registers at s = j omega, and bounds on their errors; both of shape (omega, register)."""
     leaves = {name: Bounded.rounded(float(value)) for name, value in values.items()}
     s = Bounded((1j * omega).astype(np.complex128), np.zeros_like(omega))
     with np.errstate(all="ignore"):  # what overflows has no finite bound

@@ -43,8 +43,8 @@ class DoubledComplex:
     Parameters
     ----------
     rows
-        High and low part of the real part, of the imaginary part, the modulus, and the error bound;
-        shape (6, numbers).
+        High and low part of the real part, of the imaginary part, the modulus, and the error bound; shape
+        (6, numbers).
     """
 
     __slots__ = ("rows",)

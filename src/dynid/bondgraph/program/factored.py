@@ -73,13 +73,7 @@ def numeric_point(values: Mapping[str, Fraction], prime: int) -> ModularPoint:
 
 
 class _ComplexResidue:
-    """A number modulo a prime of which -1 is no square, with a part that multiplies a root of -1.
-
-    Parameters
-    ----------
-    real, imaginary
-        Its parts (flint `fmpz_mod`).
-    """
+    """A number modulo a prime of which -1 is no square, with a part that multiplies a root of -1."""
 
     __slots__ = ("imaginary", "real")
 
@@ -152,8 +146,6 @@ class SampledResidues:
 
     Parameters
     ----------
-    images
-        The residues.
     vanished
         Samples in which something was divided by zero; shared by all numbers of a run, and added to.
     """
@@ -217,8 +209,6 @@ class FactoredQuotient(ABC):
     ----------
     factors
         Exponent by factor, negative below the fraction bar; empty for 1, and None for 0.
-    sign
-        1 or -1.
     """
 
     __slots__ = ("factors", "sign")
@@ -345,8 +335,6 @@ class RationalFunction(FactoredQuotient):
 
     Parameters
     ----------
-    factors, sign
-        As for any quotient.
     storages
         Bit mask of the storage elements behind the value.
     """
@@ -429,15 +417,7 @@ def rational_functions_modulo(prime: int) -> type[RationalFunction]:
 
 
 class ModularQuotient(FactoredQuotient):
-    """A quotient of polynomials modulo a prime, factored as it came about.
-
-    Parameters
-    ----------
-    factors, sign
-        As for any quotient.
-    prime
-        The prime.
-    """
+    """A quotient of polynomials modulo a prime, factored as it came about."""
 
     __slots__ = ("prime",)
 

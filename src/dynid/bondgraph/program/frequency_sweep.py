@@ -31,38 +31,19 @@ _REGISTER_ROWS = 6
 
 
 class _InstructionTape(NamedTuple):
-    """The instructions that the library runs.
+    """The instructions that the library runs."""
 
-    Parameters
-    ----------
-    rows
-        Operation, first and second operand, target (slots of the memory), and power of s in the monomial.
-    numbers
-        High part, low part and error bound of the monomial of each row.
-    places
-        The slot of each requested register.
-    slots
-        How many slots there are.
-    """
-
+    #: Operation, first and second operand, target (slots of the memory), and power of s in the monomial.
     rows: NDArray[np.int64]
-    numbers: Array
-    places: NDArray[np.int64]
-    slots: int
+    numbers: Array  # high part, low part and error bound of the monomial of each row
+    places: NDArray[np.int64]  # the slot of each requested register
+    slots: int  # how many slots there are
 
 
 def compile_tape(
     program: Program, registers: Sequence[Register], value: Callable[[str], Fraction]
 ) -> _InstructionTape:
-    """Return the tape that computes some registers.
-
-    Parameters
-    ----------
-    program, registers
-        The program, and the registers.
-    value
-        The exact value of a node.
-    """
+    """Return the tape that computes some registers."""
     codes, first, second, names = program.arrays()
     leaves = np.zeros((len(codes), 3))
     leaves[program.s, 0] = 1.0
@@ -92,17 +73,6 @@ def sweep_frequencies(
 
     Memory is that of the registers alive at a time, for one block of frequencies a thread; the blocks are
     independent, so that the result does not depend on their number or on the threads.
-
-    Parameters
-    ----------
-    program
-        The program.
-    registers
-        Registers to return.
-    value
-        The exact value of a node.
-    omega
-        Angular frequencies, rad/s.
 
     Returns
     -------

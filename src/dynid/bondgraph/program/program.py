@@ -310,8 +310,6 @@ class Program:
 
         Parameters
         ----------
-        registers
-            Registers to return.
         values
             Node values by name, as numbers of the type to compute in.
         laplace, unity
@@ -368,15 +366,6 @@ def gradient(
     program: Program, register: Register, values: Mapping[str, N], laplace: N, unity: N
 ) -> tuple[N, dict[str, N]]:
     """Return the value of a register and its partial derivatives.
-
-    Parameters
-    ----------
-    program
-        The program.
-    register
-        What to differentiate.
-    values, laplace, unity
-        As for `Program.run`.
 
     Returns
     -------

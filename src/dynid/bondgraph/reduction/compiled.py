@@ -29,25 +29,14 @@ Integers = NDArray[np.int64]
 
 
 class PlanResidues(NamedTuple):
-    """The values of all nodes, as quotients modulo a prime, and s there.
+    """The values of all nodes, as quotients modulo a prime, and s there."""
 
-    Parameters
-    ----------
-    prime
-        The prime, below 2^62.
-    above, below
-        Numerators and denominators by the number of the node; any of nodes without a value.
-    laplace
-        The variable s.
-    general
-        Whether they are random.
-    """
-
-    prime: int
+    prime: int  # the prime, below 2^62
+    #: above, below: Numerators and denominators by the number of the node; any of nodes without a value.
     above: Integers
     below: Integers
-    laplace: int
-    general: bool
+    laplace: int  # the variable s
+    general: bool  # whether they are random
 
     @classmethod
     def of(cls, graph: BondGraph, prime: int, laplace: int) -> PlanResidues:
@@ -81,12 +70,6 @@ class CompiledProgram(Program):
     ----------
     handle
         The library's plan, with an empty program.
-    names
-        The names of the nodes, by number.
-    numbers
-        The numbers of the nodes, by name.
-    residues
-        Where registers are evaluated.
     """
 
     def __init__(
@@ -172,21 +155,11 @@ class CompiledProgram(Program):
 
 
 class _CompiledReductions(NamedTuple):
-    """The reductions of a graph to its outputs, in one program.
-
-    Parameters
-    ----------
-    program
-        The program.
-    reductions
-        By output.
-    unsolved
-        Whether there are junctions that no output depends on and no source fixes.
-    """
+    """The reductions of a graph to its outputs, in one program."""
 
     program: CompiledProgram
-    reductions: dict[Port, Reduction]
-    unsolved: bool
+    reductions: dict[Port, Reduction]  # by output
+    unsolved: bool  # whether there are junctions that no output depends on and no source fixes
 
 
 def compiled_reductions(
@@ -198,21 +171,7 @@ def compiled_reductions(
     *,
     balanced: bool,
 ) -> _CompiledReductions | None:
-    """Return the reductions of a graph, without traces; None where the library refuses.
-
-    Parameters
-    ----------
-    graph
-        The graph.
-    residues
-        The point at which the program is evaluated.
-    inputs, outputs
-        The sources to keep, and the variables asked for.
-    structure
-        Makes the junction structure, for what comes later.
-    balanced
-        As for `Reducer`.
-    """
+    """Return the reductions of a graph, without traces; None where the library refuses."""
     names = list(graph.nodes)
     numbers = graph.numbers
     if any(source.startswith(STORED) for source in inputs):

@@ -28,32 +28,16 @@ UNDETERMINED = ""
 
 @dataclass(slots=True)
 class Junction:
-    """One junction after merging.
+    """One junction after merging."""
 
-    Parameters
-    ----------
-    name
-        The name of the first user's junction in it, or a made-up one (`a_b`) for a bare junction.
-    kind
-        '0' or '1'.
-    members
-        The user's junctions in it; empty for a bare one.
-    between
-        The user's nodes that a bare junction was put between.
-    elements
-        Names of the passive one-ports on it.
-    feeding
-        Sources that feed its balance, with +1 where the arrow points at the junction.
-    fixing
-        The source that fixes its common variable, if any; `UNDETERMINED` where it is held at zero.
-    """
-
-    name: str
-    kind: str
-    members: list[str] = field(default_factory=list)
-    between: tuple[str, ...] = ()
-    elements: list[str] = field(default_factory=list)
+    name: str  # the name of the first user's junction in it, or a made-up one (`a_b`) for a bare junction
+    kind: str  # '0' or '1'
+    members: list[str] = field(default_factory=list)  # the user's junctions in it; empty for a bare one
+    between: tuple[str, ...] = ()  # the user's nodes that a bare junction was put between
+    elements: list[str] = field(default_factory=list)  # names of the passive one-ports on it
+    #: Sources that feed its balance, with +1 where the arrow points at the junction.
     feeding: list[tuple[str, int]] = field(default_factory=list)
+    #: The source that fixes its common variable, if any; `UNDETERMINED` where it is held at zero.
     fixing: str | None = None
 
 

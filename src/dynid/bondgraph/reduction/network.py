@@ -44,27 +44,15 @@ BOND = Tie(None, False)
 class NodeRow:
     """The balance of a junction, as far as it is reduced.
 
-    Parameters
-    ----------
-    junction
-        The junction.
-    depth
-        Its distance from the root.
-
     Attributes
     ----------
-    name, kind, fixing
-        Of the junction.
     terms
         The immittances on it, which add up to its entry on the diagonal.
     entries
-        Its entries off the diagonal, by the row of the other junction; that one has an entry for this one.
+        Its entries off the diagonal, by the row of the other junction; that one has an entry for this
+        one.
     sources
         What each input feeds into it: its right-hand side.
-    rank, round
-        Its turn in the elimination (`Reducer`).
-    gone
-        Whether it is eliminated.
     """
 
     __slots__ = ("depth", "entries", "fixing", "gone", "kind", "name", "rank", "round", "sources", "terms")
@@ -89,10 +77,6 @@ class NodalNetwork:
 
     Parameters
     ----------
-    structure
-        The junction structure.
-    program
-        Where the arithmetic is written.
     depths
         By junction its distance from the root, as `reach` gives it; none is fixed but the root.
     inputs
@@ -254,10 +238,6 @@ def reach(structure: JunctionStructure, root: str, without: str | None = None) -
 
     Parameters
     ----------
-    structure
-        The junction structure.
-    root
-        Where to start.
     without
         A junction through which nothing is looked for.
     """
@@ -280,20 +260,13 @@ def reach(structure: JunctionStructure, root: str, without: str | None = None) -
 
 @dataclass(frozen=True)
 class PortForm:
-    """An output as a linear form: of the root's common variable, of what drives the root, and of itself.
+    """An output as a linear form: of the root's common variable, of what drives the root, and of itself."""
 
-    Parameters
-    ----------
-    common, drive, direct
-        Coefficients.
-    by
-        The input that `direct` multiplies: the output's node, or the energy that it stores at t = 0.
-    """
-
+    #: common, drive, direct: Coefficients.
     common: Register
     drive: Register
     direct: Register
-    by: str
+    by: str  # the input that `direct` multiplies: the output's node, or the energy that it stores at t = 0
 
     def scaled(self, program: Program, factor: Register) -> PortForm:
         """Return the form times a factor."""
@@ -311,10 +284,6 @@ def port_form(net: NodalNetwork, port: Port, total: Register) -> PortForm:
 
     Parameters
     ----------
-    net
-        The network, reduced to its root.
-    port
-        The output.
     total
         What stands on the root: Z_A + Z_B on a 1-junction, Y_A + Y_B on a 0-junction.
     """
@@ -349,12 +318,8 @@ def channel(net: NodalNetwork, form: PortForm, source: str, common: Register) ->
 
     Parameters
     ----------
-    net
-        The network, reduced to its root.
     form
         The output in terms of the root's common variable.
-    source
-        The input.
     common
         The transfer function from the source to the common variable.
     """

@@ -21,41 +21,25 @@ SYSTEMS = ("Z_A", "Z_B", "Y_A", "Y_B")
 
 @dataclass(frozen=True)
 class Prototype:
-    """The prototype at the port of interest.
-
-    Parameters
-    ----------
-    program
-        Holds the registers.
-    kind
-        The junction, '0' or '1'.
-    fixed
-        Whether a source fixes its common variable.
-    part_a, part_b
-        Impedances of A and B on a 1-junction, admittances on a 0-junction.
-    name_a, name_b
-        What they stand for.
-    released
-        Writes the determinant of the whole with the driving port removed (the common variable free, its
-        balance without a source), times s for every storage that integrates: its zeros are the natural modes.
-        None: it is not known.
-    shared
-        Finds the user's junctions that A and B share, where the driven junction lies on a loop; none: A and B
-        are independent.
-    suffix
-        What stands behind the names of the systems, where others have these names.
-    """
+    """The prototype at the port of interest."""
 
     program: Program
-    kind: str
-    fixed: bool
+    kind: str  # the junction, '0' or '1'
+    fixed: bool  # whether a source fixes its common variable
+    #: part_a, part_b: Impedances of A and B on a 1-junction, admittances on a 0-junction.
     part_a: Register
     part_b: Register
+    #: name_a, name_b: What they stand for.
     name_a: str
     name_b: str
+    #: Writes the determinant of the whole with the driving port removed (the common variable free, its
+    #: balance without a source), times s for every storage that integrates: its zeros are the natural modes.
+    #: None: it is not known.
     released: Callable[[], Register] | None = field(default=None, compare=False)
+    #: Finds the user's junctions that A and B share, where the driven junction lies on a loop; none: A and B
+    #: are independent.
     shared: Callable[[], tuple[str, ...]] = field(default=tuple, compare=False)
-    suffix: str = ""
+    suffix: str = ""  # what stands behind the names of the systems, where others have these names
 
     @property
     def letter(self) -> str:

@@ -38,13 +38,6 @@ from dynid.bondgraph.reduction.trace import NoTrace, ReductionStep, TraceRecorde
 class JunctionElimination:
     """A network under elimination, with the pivots met so far.
 
-    Parameters
-    ----------
-    network
-        The network; it shrinks.
-    trace
-        The recorder of the steps.
-
     Attributes
     ----------
     pivots
@@ -230,48 +223,21 @@ def _dot(program: Program, left: tuple[Register, Register], right: tuple[Registe
 
 @dataclass(frozen=True)
 class Reduction:
-    """A graph reduced to a prototype at one port.
+    """A graph reduced to a prototype at one port."""
 
-    Parameters
-    ----------
-    port
-        The output asked for.
-    root
-        The junction of the port of interest.
-    steps
-        What was done, in order; the last one names the prototype.
-    prototype
-        The prototype reached, with its two systems A and B.
-    drives
-        What each input feeds into the root's balance.
-    channels
-        The transfer function from each input to the port; inputs that cannot reach it have zero.
-    pivots
-        Registers whose product is the determinant of the nodal form, up to sign.
-    others
-        The same without what solves for the root's own common variable.
-    network
-        What was reduced.
-    junctions
-        The junctions that were reduced.
-    driving
-        The inputs that drive them.
-    labels
-        Names of registers in the equations of the steps.
-    """
-
-    port: Port
-    root: str
-    steps: tuple[ReductionStep, ...]
-    prototype: Prototype
-    drives: dict[str, Register]
+    port: Port  # the output asked for
+    root: str  # the junction of the port of interest
+    steps: tuple[ReductionStep, ...]  # what was done, in order; the last one names the prototype
+    prototype: Prototype  # the prototype reached, with its two systems A and B
+    drives: dict[str, Register]  # what each input feeds into the root's balance
+    #: The transfer function from each input to the port; inputs that cannot reach it have zero.
     channels: dict[str, Register]
-    pivots: tuple[Register, ...]
-    others: tuple[Register, ...]
-    network: NodalNetwork
-    junctions: tuple[str, ...]
-    driving: frozenset[str]
-    labels: dict[Register, str]
+    pivots: tuple[Register, ...]  # registers whose product is the determinant of the nodal form, up to sign
+    others: tuple[Register, ...]  # the same without what solves for the root's own common variable
+    network: NodalNetwork  # what was reduced
+    junctions: tuple[str, ...]  # the junctions that were reduced
+    driving: frozenset[str]  # the inputs that drive them
+    labels: dict[Register, str]  # names of registers in the equations of the steps
 
     @property
     def structure(self) -> JunctionStructure:
@@ -318,16 +284,8 @@ def reduce_graph(
 
     Parameters
     ----------
-    structure
-        The graph's junction structure.
     program
         Where the arithmetic is written; several reductions may share one.
-    port
-        The output; its junction is the port of interest.
-    inputs
-        The sources to keep; all others are zero.
-    traced
-        Whether the steps are recorded, which takes as long again.
     balanced
         Whether loops are opened everywhere at once rather than from the far end on (`Reducer`).
     names, suffix
@@ -348,15 +306,11 @@ class Reducer:
 
     Parameters
     ----------
-    network
-        The network to reduce; it shrinks.
-    trace
-        The recorder of the steps.
     balanced
         Whether loops are opened in rounds, of junctions that do not touch each other (cyclic reduction):
-        results then depend on one another over as many steps as the logarithm of the graph's length, where
-        one end after the other takes as many as the length, and error bounds grow with each. It takes up to
-        twice the steps.
+        results then depend on one another over as many steps as the logarithm of the graph's length,
+        where one end after the other takes as many as the length, and error bounds grow with each. It
+        takes up to twice the steps.
 
     Attributes
     ----------
@@ -429,15 +383,6 @@ def reduction_at_root(
     net: NodalNetwork, work: JunctionElimination, trace: NoTrace, port: Port, driving: frozenset[str]
 ) -> Reduction:
     """Return the reduction of a network of which the root is left.
-
-    Parameters
-    ----------
-    net, work, trace
-        The network, its elimination, and the recorder of the steps.
-    port
-        The output.
-    driving
-        The inputs that drove it.
 
     Raises
     ------

@@ -19,86 +19,47 @@ from dynid.bondgraph.reduction.trace import ReductionStep, TraceRecorder
 
 @dataclass(frozen=True)
 class _JunctionState:
-    """A junction that is left, with what stands on it.
+    """A junction that is left, with what stands on it."""
 
-    Parameters
-    ----------
-    kind
-        '0' or '1'.
-    nodes
-        The user's junctions in it; empty for one that was put in between.
-    terms
-        The immittances on it: impedances on a 1, admittances on a 0; elements, and what was reduced.
-    titles
-        The name of each of them in the steps.
-    sources
-        What each input feeds into its balance.
-    drives
-        The same in terms of sources and equivalent sources, by the names of the steps.
-    """
-
-    kind: str
-    nodes: tuple[str, ...]
+    kind: str  # '0' or '1'
+    nodes: tuple[str, ...]  # the user's junctions in it; empty for one that was put in between
+    #: The immittances on it: impedances on a 1, admittances on a 0; elements, and what was reduced.
     terms: tuple[Immittance, ...]
-    titles: dict[Immittance, str]
-    sources: dict[str, Register]
+    titles: dict[Immittance, str]  # the name of each of them in the steps
+    sources: dict[str, Register]  # what each input feeds into its balance
+    #: The same in terms of sources and equivalent sources, by the names of the steps.
     drives: dict[str, Register]
 
 
 @dataclass(frozen=True)
 class _SnapshotCoupling:
-    """The connection of two junctions: a bond, a TF or GY, or a coupling that only the equations show.
+    """The connection of two junctions: a bond, a TF or GY, or a coupling that only the equations show."""
 
-    Parameters
-    ----------
-    tail, head
-        The junctions.
-    forward, back
-        Factor of the head's unknown in the tail's balance, and of the tail's in the head's.
-    drawn
-        Whether it is one bond or two-port of the graph.
-    two_port
-        The TF or GY in it, if any.
-    """
-
+    #: tail, head: The junctions.
     tail: str
     head: str
+    #: forward, back: Factor of the head's unknown in the tail's balance, and of the tail's in the head's.
     forward: Register
     back: Register
-    drawn: bool
-    two_port: str | None
+    drawn: bool  # whether it is one bond or two-port of the graph
+    two_port: str | None  # the TF or GY in it, if any
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The network after a step: the nodal form K x = b over the junctions that are left.
+    """The network after a step: the nodal form K x = b over the junctions that are left."""
 
-    Parameters
-    ----------
-    step
-        The step just done; none for the graph as drawn.
-    root
-        The junction of the port of interest.
-    junctions
-        The junctions that are left, by name.
-    links
-        The couplings between them.
-    known
-        The root's common variable for every input, where a source or a constraint fixes it; its balance
-        then gives the source's reaction.
-    reading
-        The output: `common` times the root's common variable, `drive` times what its balance lacks, and
-        `direct` times the input `by`.
-    changed, gone
-        Junctions on which something changed in this step, and those that it consumed.
-    """
-
-    step: ReductionStep | None
-    root: str
-    junctions: dict[str, _JunctionState]
-    links: tuple[_SnapshotCoupling, ...]
+    step: ReductionStep | None  # the step just done; none for the graph as drawn
+    root: str  # the junction of the port of interest
+    junctions: dict[str, _JunctionState]  # the junctions that are left, by name
+    links: tuple[_SnapshotCoupling, ...]  # the couplings between them
+    #: The root's common variable for every input, where a source or a constraint fixes it; its balance then
+    #: gives the source's reaction.
     known: dict[str, Register] | None
+    #: The output: `common` times the root's common variable, `drive` times what its balance lacks, and
+    #: `direct` times the input `by`.
     reading: PortForm
+    #: changed, gone: Junctions on which something changed in this step, and those that it consumed.
     changed: tuple[str, ...]
     gone: tuple[str, ...]
 
@@ -106,18 +67,7 @@ class Snapshot:
 def snapshots(
     structure: JunctionStructure, program: Program, port: Port, inputs: Iterable[str]
 ) -> tuple[Snapshot, ...]:
-    """Return the network before the first step of a reduction and after every one.
-
-    Parameters
-    ----------
-    structure, program, port, inputs
-        As for the reduction that is to be looked at.
-
-    Raises
-    ------
-    Singular
-        As the reduction itself.
-    """
+    """Return the network before the first step of a reduction and after every one."""
     network = NodalNetwork(structure, program, reach(structure, structure.place[port.node]), inputs)
     taker = _SnapshotTaker(network, port)
     trace = TraceRecorder(network, taker.look)

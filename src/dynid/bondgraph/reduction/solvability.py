@@ -35,12 +35,8 @@ def no_solution(structure: JunctionStructure, junctions: Sequence[str], sources:
 
     Parameters
     ----------
-    structure
-        The junction structure.
     junctions
         The junctions whose balances together leave a condition on the sources alone.
-    sources
-        The sources in that condition.
     """
     members = _user_names(structure, junctions)
     verb = "contradict each other" if len(sources) > 1 else "meets a balance without a solution"
@@ -105,33 +101,17 @@ Sparse = dict[str, int]
 
 @dataclass(frozen=True)
 class _Undetermined:
-    """A set of junctions whose common variables the equations leave open together.
+    """A set of junctions whose common variables the equations leave open together."""
 
-    Parameters
-    ----------
-    vector
-        A null vector of the nodal form of smallest support: coefficients by junction.
-    error
-        What to raise where a requested output depends on them.
-    """
-
-    vector: Sparse
-    error: Singular
+    vector: Sparse  # a null vector of the nodal form of smallest support: coefficients by junction
+    error: Singular  # what to raise where a requested output depends on them
 
 
 class _ModularNodalForm(NamedTuple):
-    """The nodal form of some junctions at a point modulo a prime.
+    """The nodal form of some junctions at a point modulo a prime."""
 
-    Parameters
-    ----------
-    rows
-        By junction the coefficients of the common variables in its balance.
-    driven
-        By source what it contributes to the balances.
-    """
-
-    rows: dict[str, Sparse]
-    driven: dict[str, Sparse]
+    rows: dict[str, Sparse]  # by junction the coefficients of the common variables in its balance
+    driven: dict[str, Sparse]  # by source what it contributes to the balances
 
 
 def _modular_nodal_form(
@@ -157,8 +137,6 @@ def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None =
 
     Parameters
     ----------
-    structure
-        The junction structure.
     junctions
         Junctions that no others influence but through fixed ones; default: all.
 
@@ -206,13 +184,6 @@ def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[_Undeter
     ----------
     structure
         The junction structure; junctions that are undetermined become fixed ones.
-    outputs
-        The requested variables.
-
-    Returns
-    -------
-    list
-        What is undetermined.
 
     Raises
     ------
@@ -270,13 +241,6 @@ def _product(row: Mapping[str, int], vector: Mapping[str, int], prime: int) -> i
 
 class _SparseElimination:
     """Sparse elimination modulo a prime: the shortest row first, by its column with the fewest rows.
-
-    Parameters
-    ----------
-    rows
-        A square matrix by the names of rows and columns; it is not changed.
-    prime
-        The prime.
 
     Attributes
     ----------

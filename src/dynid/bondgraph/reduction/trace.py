@@ -27,24 +27,13 @@ Definition = tuple[str, WeightedSum | PrintableFormula]
 
 @dataclass(frozen=True)
 class ReductionStep:
-    """One step of a reduction.
+    """One step of a reduction."""
 
-    Parameters
-    ----------
-    rule
-        series, parallel, reflection, source swap, merge, junction elimination, constraint or prototype.
-    nodes
-        The nodes it consumed.
-    definitions
-        What it defines, in order.
-    meaning
-        What happens, physically, in one sentence.
-    """
-
+    #: series, parallel, reflection, source swap, merge, junction elimination, constraint or prototype.
     rule: str
-    nodes: tuple[str, ...]
-    definitions: tuple[Definition, ...]
-    meaning: str
+    nodes: tuple[str, ...]  # the nodes it consumed
+    definitions: tuple[Definition, ...]  # what it defines, in order
+    meaning: str  # what happens, physically, in one sentence
 
 
 def _join_names(names: Iterable[str]) -> str:
@@ -70,8 +59,6 @@ class NoTrace:
 
     Attributes
     ----------
-    steps
-        What was done.
     labels
         Names of registers in the equations of the steps.
     suffix
@@ -120,8 +107,6 @@ class TraceRecorder(NoTrace):
 
     Parameters
     ----------
-    network
-        The network; it shrinks.
     watch
         Called whenever the network is whole: after every step, and after a change that needs none.
     names

@@ -94,17 +94,7 @@ _MAX_WRITTEN_STATES, _MAX_NAMED_PARTS = 40, 4
 
 
 def add_zero_dynamics(result: Result, reduced: ReducedGraph, causality: Causality) -> None:
-    """Add the zero dynamics of every channel.
-
-    Parameters
-    ----------
-    result
-        Where to add them.
-    reduced
-        The graph with its inputs and outputs.
-    causality
-        The graph's own causality.
-    """
+    """Add the zero dynamics of every channel."""
     for port in reduced.outputs:
         integrated = reduced.graph.integrates(port)
         modelled = set(reduced.reductions[port].modelled)

@@ -267,8 +267,6 @@ def add_roots(
     ----------
     result, group, name
         Where to add them: the plural, `zeros` has the axis `zero`.
-    roots
-        The roots.
     estimated
         Whether their errors are estimates, of roots that have residuals, too.
     """

@@ -26,10 +26,6 @@ def add_design(result: Result, designed: Designed, omega: Array | None) -> None:
 
     Parameters
     ----------
-    result
-        Where to add them.
-    designed
-        The design.
     omega
         Frequencies of the responses before and after, rad/s; None: around the poles.
     """

@@ -34,11 +34,6 @@ _UNPROVED = "True where the error bounds of eigenvalues overlap; 'engine: exact'
 class _EnergyElements:
     """The elements of a graph that store or dissipate energy, and the variables that measure it.
 
-    Parameters
-    ----------
-    graph
-        The graph.
-
     Attributes
     ----------
     ports
@@ -206,13 +201,11 @@ def add_energy(result: Result, graph: BondGraph, analysis: Analysis) -> None:
 
     Parameters
     ----------
-    result
-        Where to add them.
     graph
         The graph. Its pseudo bonds (thermal) have shares as well, of e f instead of power.
     analysis
-        What is asked: the inputs, of amplitude 1 each alone, and the angular frequencies; without these the
-        modes alone.
+        What is asked: the inputs, of amplitude 1 each alone, and the angular frequencies; without these
+        the modes alone.
 
     Raises
     ------
@@ -269,12 +262,8 @@ def add_source_performance(result: Result, graph: BondGraph, inputs: tuple[str, 
 
     Parameters
     ----------
-    result, graph
-        Where to add it, and of what.
     inputs
         The inputs. Setpoints of controllers are signals, and left out.
-    omega
-        Angular frequencies, rad/s.
     """
     result.add_axis(f"{_SOURCES}/omega", omega, "rad/s")
     for name in inputs:

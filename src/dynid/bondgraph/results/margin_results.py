@@ -59,10 +59,6 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
 
     Parameters
     ----------
-    result
-        Where to add them.
-    cut
-        The loops.
     omega
         Frequencies of the sensitivity functions, rad/s; default: around the crossings.
     """
@@ -319,15 +315,7 @@ _EXACT = (
 
 
 def with_delays(result: Result, analysis: Analysis) -> Result:
-    """Return a result in which what is approximate is marked, and limits and verdicts are true.
-
-    Parameters
-    ----------
-    result
-        Of the graph with Padé approximants.
-    analysis
-        The request.
-    """
+    """Return a result in which what is approximate is marked, and limits and verdicts are true."""
     text = approximation()
     true = _high_frequencies(result, analysis)
     if not result.group_attrs.get(MARGINS, {}).get("approximants_agree", True):

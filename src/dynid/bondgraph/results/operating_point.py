@@ -40,15 +40,7 @@ _STABILITY = {1: "stable", 0: "neutral", -1: "unstable"}
 
 
 def add_operating_point(result: Result, linear: Linearisation) -> None:
-    """Add the operating point.
-
-    Parameters
-    ----------
-    result
-        Where to add it.
-    linear
-        The linearisation at it.
-    """
+    """Add the operating point."""
     point, equations = linear.point, linear.point.equations
     units = GraphUnits(equations.model.graph)
     ports = list(_variables(point))
@@ -133,13 +125,6 @@ def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
 
     Both are deviations from the operating point. `nonlinear_deviation` is their largest difference, beside
     the largest value of the linear response.
-
-    Parameters
-    ----------
-    result
-        With the linear response.
-    analysis
-        What was asked for.
     """
     assert analysis.linearisation is not None
     assert analysis.times is not None
@@ -190,18 +175,10 @@ _MOST_EVALUATIONS, _MOST_BY_SAMPLE = 20_000, 20
 
 
 class _NonlinearResponse(NamedTuple):
-    """A nonlinear response.
+    """A nonlinear response."""
 
-    Parameters
-    ----------
-    outputs
-        Deviations of the outputs from the operating point (times x outputs).
-    error
-        Estimate of the error, beside the largest deviation of each output.
-    """
-
-    outputs: Array
-    error: float
+    outputs: Array  # deviations of the outputs from the operating point (times x outputs)
+    error: float  # estimate of the error, beside the largest deviation of each output
 
 
 def _nonlinear_response(

@@ -33,8 +33,6 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
 
     Parameters
     ----------
-    result, parts
-        Where to add it, and what.
     initial
         The flow of an I or the effort of a C at t = 0, by name: what its equivalent source is scaled by.
     """
@@ -92,15 +90,7 @@ def add_requested(result: Result, reduced: ReducedGraph) -> None:
 
 
 def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.float64]) -> None:
-    """Add over frequency: both sides, effort and flow at the port, and the responses of eqs 5 to 8.
-
-    Parameters
-    ----------
-    result, parts
-        Where to add it, and of what.
-    omega
-        Angular frequencies, rad/s.
-    """
+    """Add over frequency: both sides, effort and flow at the port, and the responses of eqs 5 to 8."""
     from dynid.bondgraph.graph_response import on_axis
 
     group, zero = f"{_GROUP}/frequency_response", parts.program.zero
@@ -208,19 +198,13 @@ class _StaticLine:
 
 @dataclass(frozen=True)
 class _StaticCharacteristic:
-    """The static characteristic for one input of value 1.
+    """The static characteristic for one input of value 1."""
 
-    Parameters
-    ----------
-    source, load
-        The ends (f, e) of both lines, within a box that shows their intercepts and the operating point.
-    operating
-        The operating point (f, e).
-    """
-
+    #: source, load: The ends (f, e) of both lines, within a box that shows their intercepts and the operating
+    #: point.
     source: tuple[FlowEffort, FlowEffort]
     load: tuple[FlowEffort, FlowEffort]
-    operating: FlowEffort
+    operating: FlowEffort  # the operating point (f, e)
 
 
 def static_characteristics(parts: Decomposition) -> dict[str, _StaticCharacteristic]:

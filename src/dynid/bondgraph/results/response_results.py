@@ -130,10 +130,6 @@ def add_time_response(
 
     Parameters
     ----------
-    result, reduced
-        Where to add it, and of what.
-    times
-        Instants, s.
     signals
         Pairs of an input and what drives it.
     initial
@@ -235,8 +231,6 @@ def add_zero_input(result: Result, reduced: ReducedGraph, initial: Mapping[str, 
 
     Parameters
     ----------
-    result, reduced
-        Where to add it, and of what.
     initial
         The flow of an I or the effort of a C at t = 0, by name.
     """

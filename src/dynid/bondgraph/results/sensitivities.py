@@ -49,18 +49,13 @@ _SENSITIVITY_PRECISIONS = (128, 512, 2048)
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Derivatives with respect to parameters, one column a parameter; inf where there is none.
+    """Derivatives with respect to parameters, one column a parameter; inf where there is none."""
 
-    Parameters
-    ----------
-    zeros, poles
-        Rates of the roots, each as often as its multiplicity says (of a multiple root: of the mean).
-    dc_gain, high_frequency_gain
-        Rates of T(0) and T(inf).
-    """
-
+    #: zeros, poles: Rates of the roots, each as often as its multiplicity says (of a multiple root: of the
+    #: mean).
     zeros: NDArray[np.complex128]
     poles: NDArray[np.complex128]
+    #: dc_gain, high_frequency_gain: Rates of T(0) and T(inf).
     dc_gain: NDArray[np.float64]
     high_frequency_gain: NDArray[np.float64]
 
@@ -108,10 +103,6 @@ def sensitivity(
 
     Parameters
     ----------
-    reduced, register
-        The graph, and the register of the channel's transfer function.
-    zeros, poles
-        Its zeros and poles.
     hidden
         Natural modes that it does not show: its derivatives may be singular there.
     parameters

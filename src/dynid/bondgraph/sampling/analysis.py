@@ -30,17 +30,7 @@ ResultColumn = Sequence[Variable]
 
 
 def columns(engine: SampledEngine, analysis: Analysis, paths: Collection[str]) -> dict[str, ResultColumn]:
-    """Return the wanted arrays of the channels of all samples, by path.
-
-    Parameters
-    ----------
-    engine
-        The samples; of those that are not certain nothing is meant.
-    analysis
-        What is asked.
-    paths
-        The arrays to make.
-    """
+    """Return the wanted arrays of the channels of all samples, by path."""
     by_path: dict[str, ResultColumn] = {}
     for name in engine.channels:
         by_path |= {path: column for path, column in _quick(engine, name, paths).items() if path in paths}
@@ -130,12 +120,6 @@ class SampledAnalysis:
 
     Parameters
     ----------
-    graph
-        One of the graphs.
-    analysis
-        What is asked.
-    varying
-        The elements whose values vary.
     wanted
         The arrays to compute, by path; all of them `shared`.
 
@@ -174,10 +158,6 @@ class SampledAnalysis:
 
         Parameters
         ----------
-        values
-            The values of the samples.
-        count
-            How many samples there are.
         initial
             Stored energy of every sample at t = 0; default: as the analysis says.
         """

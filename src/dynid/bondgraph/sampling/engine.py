@@ -27,22 +27,14 @@ from dynid.lti.root_batches import RootBatch, disjoint, root_batch
 
 @dataclass(frozen=True, eq=False)
 class _SampledRoots:
-    """Roots of one polynomial of every sample.
+    """Roots of one polynomial of every sample."""
 
-    Attributes
-    ----------
-    values
-        The roots, each as often as its multiplicity says, smallest modulus first (sample x root).
-    radii, sides
-        Bounds on their errors, and their sides of the axis, likewise.
-    multiplicities
-        Their multiplicities, likewise.
-    """
-
+    #: The roots, each as often as its multiplicity says, smallest modulus first (sample x root).
     values: NDArray[np.complex128]
+    #: radii, sides: Bounds on their errors, and their sides of the axis, likewise.
     radii: NDArray[np.float64]
     sides: NDArray[np.int8]
-    multiplicities: NDArray[np.int64]
+    multiplicities: NDArray[np.int64]  # their multiplicities, likewise
 
     @classmethod
     def of(cls, factors: Sequence[tuple[RootBatch, int]], count: int) -> _SampledRoots:
@@ -100,17 +92,6 @@ class SampledEngine:
     Numerator and denominator are evaluated exactly and the roots certified together. A sample for which
     something of that fails (a leading coefficient that vanishes, roots that meet or cancel, one that is on
     the axis by chance) is not `certain`: it is to be run alone.
-
-    Parameters
-    ----------
-    family
-        The graphs.
-    channels
-        Their channels as polynomials.
-    values
-        The values of the samples.
-    count
-        How many samples there are.
 
     Attributes
     ----------

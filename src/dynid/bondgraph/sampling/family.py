@@ -27,18 +27,10 @@ Integers = NDArray[np.object_]
 
 @dataclass(frozen=True)
 class SquarefreeFactor:
-    """A factor of a polynomial of a graph, without multiple roots for almost all values.
+    """A factor of a polynomial of a graph, without multiple roots for almost all values."""
 
-    Parameters
-    ----------
-    polynomial
-        The factor (flint `fmpz_mpoly`, s being the first variable).
-    multiplicity
-        How often it occurs.
-    """
-
-    polynomial: Any
-    multiplicity: int
+    polynomial: Any  # the factor (flint `fmpz_mpoly`, s being the first variable)
+    multiplicity: int  # how often it occurs
 
     @property
     def degree(self) -> int:
@@ -106,8 +98,6 @@ class PowerTables:
         For every variable but s the values of the samples.
     polynomials
         What will be evaluated (flint `fmpz_mpoly`).
-    samples
-        How many samples there are.
     """
 
     def __init__(
@@ -156,18 +146,13 @@ SampleValues = Mapping[str, Sequence[Fraction]]
 
 @dataclass(frozen=True)
 class ChannelPolynomials:
-    """A channel of a family.
+    """A channel of a family."""
 
-    Parameters
-    ----------
-    numerator, denominator
-        Without a common factor (flint `fmpz_mpoly`, s being the first variable).
-    zeros, poles, hidden
-        The factors of numerator, denominator, and the polynomial of the natural modes that cancel.
-    """
-
+    #: numerator, denominator: Without a common factor (flint `fmpz_mpoly`, s being the first variable).
     numerator: Any
     denominator: Any
+    #: zeros, poles, hidden: The factors of numerator, denominator, and the polynomial of the natural modes
+    #: that cancel.
     zeros: tuple[SquarefreeFactor, ...]
     poles: tuple[SquarefreeFactor, ...]
     hidden: tuple[SquarefreeFactor, ...]
@@ -185,12 +170,8 @@ class GraphFamily:
     ----------
     graph
         One of them; what varies in it counts for nothing.
-    inputs, outputs
-        The channels asked for.
     varying
         The elements whose values vary. A value of zero is another structure, and not of the family.
-    traced
-        Whether the reductions record their steps.
 
     Raises
     ------

@@ -56,42 +56,25 @@ _BY_ROOTS = {"foster": foster, "foster-2": second_foster, "brune": brune}
 
 @dataclass(frozen=True)
 class Realisation:
-    """A bond graph with the wanted driving-point impedance, or admittance.
-
-    Parameters
-    ----------
-    form
-        The form.
-    graph
-        The graph; its source is `SOURCE`.
-    numerator, denominator
-        Its own driving-point function as the exact engine finds it, in lowest terms, the denominator monic
-        (flint `fmpq_poly`).
-    residual
-        Largest relative error of a coefficient; 0 where the function is the wanted one exactly.
-    """
+    """A bond graph with the wanted driving-point impedance, or admittance."""
 
     form: Form
-    graph: BondGraph
+    graph: BondGraph  # the graph; its source is `SOURCE`
+    #: numerator, denominator: Its own driving-point function as the exact engine finds it, in lowest terms,
+    #: the denominator monic (flint `fmpq_poly`).
     numerator: Any
     denominator: Any
-    residual: float
+    residual: float  # largest relative error of a coefficient; 0 where the function is the wanted one exactly
 
 
 @dataclass(frozen=True)
 class Driving:
-    """A wanted driving-point function N/D in lowest terms, the denominator monic.
+    """A wanted driving-point function N/D in lowest terms, the denominator monic."""
 
-    Parameters
-    ----------
-    numerator, denominator
-        Polynomials (flint `fmpq_poly`).
-    admittance
-        True: flow over effort, driven by an effort source; else effort over flow, driven by a flow source.
-    """
-
+    #: numerator, denominator: Polynomials (flint `fmpq_poly`).
     numerator: Any
     denominator: Any
+    #: True: flow over effort, driven by an effort source; else effort over flow, driven by a flow source.
     admittance: bool = False
 
     @classmethod
@@ -151,8 +134,6 @@ def realise(request: Driving, form: Form, domain: str = "") -> Realisation:
     ----------
     request
         A positive real function that is not zero.
-    form
-        The form.
     domain
         The physical domain of the elements; default: none.
 
@@ -261,10 +242,6 @@ def add_synthesis(
 
     Parameters
     ----------
-    result
-        The result.
-    request
-        The function.
     realised
         Its realisations.
     missing

@@ -44,21 +44,13 @@ class BruneSection:
 
     The coils are one inertia I behind an ideal transformer: with flux φ = I (i1 - j / n), the efforts are
     e1 = dφ/dt + v and e2 = (1/n) dφ/dt + v with C dv/dt = i1 - j.
-
-    Parameters
-    ----------
-    inertia, compliance
-        I and C, positive.
-    modulus
-        n, positive: the inductances are I, I/n² and their mutual inductance I/n.
-    load
-        The one-port behind it.
     """
 
+    #: inertia, compliance: I and C, positive.
     inertia: Fraction
     compliance: Fraction
-    modulus: Fraction
-    load: OnePort
+    modulus: Fraction  # n, positive: the inductances are I, I/n² and their mutual inductance I/n
+    load: OnePort  # the one-port behind it
 
 
 OnePort = Element | Series | Parallel | BruneSection
@@ -112,8 +104,6 @@ def bond_graph(port: OnePort, driven_by: Literal["Se", "Sf"] = "Sf", domain: str
 
     Parameters
     ----------
-    port
-        The one-port.
     driven_by
         The type of the source: Sf, whose effort over flow is the impedance; Se, for the admittance.
     domain

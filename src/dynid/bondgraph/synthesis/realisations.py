@@ -206,8 +206,6 @@ def foster(numerator: Any, denominator: Any, bits: int, name: str = "Z") -> OneP
         Polynomials in lowest terms (flint `fmpq_poly`) of a positive real function that is not zero.
     bits
         The precision of irrational values; rational ones are exact.
-    name
-        What messages call the function.
 
     Raises
     ------
