@@ -1,10 +1,5 @@
 """Certified roots of many real polynomials of one degree at once, in double-double arithmetic.
 
-Numbers are unevaluated sums of two doubles. Sums and products are the error-free transformations of Knuth and
-Dekker, which need neither fused multiply-add nor a compiler: a result does not depend on the array that holds
-the number. Their relative errors are at most 3 and 10 units of 2^-106 (Joldes, Muller & Popescu, "Tight and
-rigorous error bounds for basic building blocks of double-word arithmetic", ACM TOMS 44 (2017) 15).
-
 Eigenvalues of the companion matrices start Newton's iteration in double-double arithmetic. The disc of
 radius n |p/p'| about a point holds a root of p, so n disjoint ones hold one each (`dynid.lti.enclosures`):
 where the discs are so small that every number in one is rounded to the same double, the roots are correctly
@@ -22,118 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array
-
-_SPLITTER = 2.0**27 + 1
-
-
-def _two_sum(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return a + b rounded, and its error."""
-    s = a + b
-    t = s - a
-    return s, (a - (s - t)) + (b - t)
-
-
-def _quick_two_sum(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return a + b rounded, and its error, where b is the smaller one."""
-    s = a + b
-    return s, b - (s - a)
-
-
-def _halves(a: Array) -> tuple[Array, Array]:
-    """Split into two numbers of half the bits."""
-    c = _SPLITTER * a
-    high = c - (c - a)
-    return high, a - high
-
-
-@dataclass(frozen=True, eq=False)
-class _Doubled:
-    """Real numbers high + low, where high is the double nearest to the sum.
-
-    The magnitudes of factors must stay within 2^-450 and 2^450.
-    """
-
-    high: Array
-    low: Array
-
-    @classmethod
-    def of(cls, value: Array) -> _Doubled:
-        """Return doubles as double-double numbers."""
-        return cls(value, np.zeros_like(value))
-
-    def __add__(self, other: _Doubled) -> _Doubled:
-        s, e = _two_sum(self.high, other.high)
-        t, f = _two_sum(self.low, other.low)
-        s, e = _quick_two_sum(s, e + t)
-        return _Doubled(*_quick_two_sum(s, e + f))
-
-    def __neg__(self) -> _Doubled:
-        return _Doubled(-self.high, -self.low)
-
-    def __sub__(self, other: _Doubled) -> _Doubled:
-        return self + (-other)
-
-    def __mul__(self, other: _Doubled) -> _Doubled:
-        p = self.high * other.high
-        (ah, al), (bh, bl) = _halves(self.high), _halves(other.high)
-        e = ((ah * bh - p) + ah * bl + al * bh) + al * bl  # the error of p
-        return _Doubled(*_quick_two_sum(p, e + (self.high * other.low + self.low * other.high)))
-
-    def __getitem__(self, index: Any) -> _Doubled:
-        return _Doubled(self.high[index], self.low[index])
-
-    def scaled(self, exponent: NDArray[np.int64]) -> _Doubled:
-        """Return the numbers times 2^exponent, exact within the range of doubles."""
-        return _Doubled(np.ldexp(self.high, exponent), np.ldexp(self.low, exponent))
-
-    def sqrt(self) -> _Doubled:
-        """Return the square root of positive numbers, to a relative 2^-100."""
-        root = _Doubled.of(np.sqrt(self.high))
-        rest = self - root * root
-        return root + _Doubled.of(rest.high / (2 * root.high))
-
-    def rounds_the_same(self, radius: Array) -> NDArray[np.bool_]:
-        """Return a mask of where every number within the radius is rounded to `high`."""
-        slack = radius + 2.0**-52 * np.abs(self.low)
-        same: NDArray[np.bool_] = (self.high + (self.low - slack) == self.high) & (
-            self.high + (self.low + slack) == self.high
-        )
-        return same
-
-
-@dataclass(frozen=True, eq=False)
-class DoubledComplex:
-    """Complex numbers with double-double parts."""
-
-    real: _Doubled
-    imag: _Doubled
-
-    @classmethod
-    def of(cls, value: NDArray[np.complex128]) -> DoubledComplex:
-        """Return complex doubles as double-double numbers."""
-        return cls(_Doubled.of(value.real.copy()), _Doubled.of(value.imag.copy()))
-
-    def __add__(self, other: DoubledComplex) -> DoubledComplex:
-        return DoubledComplex(self.real + other.real, self.imag + other.imag)
-
-    def __sub__(self, other: DoubledComplex) -> DoubledComplex:
-        return DoubledComplex(self.real - other.real, self.imag - other.imag)
-
-    def __mul__(self, other: DoubledComplex) -> DoubledComplex:
-        return DoubledComplex(
-            self.real * other.real - self.imag * other.imag, self.real * other.imag + self.imag * other.real
-        )
-
-    def __getitem__(self, index: Any) -> DoubledComplex:
-        return DoubledComplex(self.real[index], self.imag[index])
-
-    @property
-    def rounded(self) -> NDArray[np.complex128]:
-        """The nearest complex doubles."""
-        value = np.empty(self.real.high.shape, dtype=np.complex128)
-        value.real, value.imag = self.real.high, self.imag.high
-        return value
-
+from dynid.lti.doubled import Doubled, DoubledComplex
 
 #: Newton steps after the eigenvalues, and further ones for rows whose discs are still too large.
 _NEWTON_STEPS, _FURTHER_STEPS = 2, 3
@@ -176,7 +60,7 @@ class RootBatch:
 class _Scaled:
     """Polynomials in z = s / 2^shift with coefficients about 1, ascending (polynomial x power)."""
 
-    coefficients: _Doubled
+    coefficients: Doubled
     shift: NDArray[np.int64]
     fits: NDArray[np.bool_]
 
@@ -225,7 +109,7 @@ def _scaled(columns: Sequence[Sequence[int]], divisor: int) -> _Scaled:
     largest = bits.max(axis=1, keepdims=True)
     fits = np.ptp(bits, axis=1) < _COEFFICIENT_RANGE_BITS
     exponents = np.where(fits[:, None], exponents + rise - largest, 0)
-    return _Scaled(_Doubled(high, low).scaled(exponents), shift, fits)
+    return _Scaled(Doubled(high, low).scaled(exponents), shift, fits)
 
 
 def _roots(polynomials: _Scaled, *, even: bool) -> tuple[NDArray[Any], ...]:
@@ -251,18 +135,18 @@ def _square_roots(squares: DoubledComplex, radii: Array) -> tuple[DoubledComplex
     """Return s and -s for the roots s^2, their radii, and a mask of rows whose squares are all real."""
     size = np.abs(squares.real.high)
     sign = np.sign(squares.real.high)
-    root = _Doubled(sign * squares.real.high, sign * squares.real.low).sqrt()
+    root = Doubled(sign * squares.real.high, sign * squares.real.low).sqrt()
     reach = radii / np.sqrt(size - radii) + 2.0**-99 * root.high
-    both = _Doubled(*(np.concatenate([-values, values], axis=1) for values in (root.high, root.low)))
+    both = Doubled(*(np.concatenate([-values, values], axis=1) for values in (root.high, root.low)))
     left = np.tile(sign > 0, 2)
     parts = [
-        _Doubled(*(np.where(here, values, 0.0) for values in (both.high, both.low))) for here in (left, ~left)
+        Doubled(*(np.where(here, values, 0.0) for values in (both.high, both.low))) for here in (left, ~left)
     ]
     real = (squares.imag.high == 0) & (size > radii)
     return DoubledComplex(*parts), np.tile(reach, 2), real.all(axis=1)
 
 
-def _refined(coefficients: _Doubled, usable: NDArray[np.bool_]) -> tuple[DoubledComplex, Array]:
+def _refined(coefficients: Doubled, usable: NDArray[np.bool_]) -> tuple[DoubledComplex, Array]:
     """Return approximate roots and the radii of discs that hold one each."""
     count, degree = len(coefficients.high), coefficients.high.shape[1] - 1
     companions = np.zeros((count, degree, degree))
@@ -281,7 +165,7 @@ def _refined(coefficients: _Doubled, usable: NDArray[np.bool_]) -> tuple[Doubled
     return points, radii
 
 
-def _newton(coefficients: _Doubled, points: DoubledComplex, steps: int) -> tuple[DoubledComplex, Array]:
+def _newton(coefficients: Doubled, points: DoubledComplex, steps: int) -> tuple[DoubledComplex, Array]:
     """Return the points after some steps, and n |p/p'| there, errors included."""
     for _ in range(steps):
         step = _value(coefficients, points).rounded / _slope(coefficients.high, points.rounded)
@@ -296,10 +180,10 @@ def _newton(coefficients: _Doubled, points: DoubledComplex, steps: int) -> tuple
     return points, np.where(below > 0, degree * above / np.where(below > 0, below, 1) * _BOUND_SLACK, np.inf)
 
 
-def _value(coefficients: _Doubled, points: DoubledComplex) -> DoubledComplex:
+def _value(coefficients: Doubled, points: DoubledComplex) -> DoubledComplex:
     """Evaluate the polynomials (Horner's rule)."""
     degree = coefficients.high.shape[1] - 1
-    nothing = _Doubled.of(np.zeros_like(points.real.high))
+    nothing = Doubled.of(np.zeros_like(points.real.high))
     total = DoubledComplex(coefficients[:, [degree]] + nothing, nothing)
     for power in range(degree - 1, -1, -1):
         product = total * points

@@ -1,4 +1,4 @@
-/* Complex numbers of twice the usual precision, with error bounds; see `dynid.bondgraph.program.doubled`,
+/* Complex numbers of twice the usual precision, with error bounds; see `dynid.bondgraph.program.frequency_sweep`,
  * whose comments hold here. Every rounding counts: compiled without contraction, fused where it is written. */
 #include "reals.h"
 

@@ -1,4 +1,4 @@
-/* Real numbers of twice the usual precision with error bounds; see `dynid.bondgraph.program.doubled`. */
+/* Real numbers of twice the usual precision with error bounds; see `dynid.lti.doubled`. */
 #ifndef DYNID_REALS_H
 #define DYNID_REALS_H
 
