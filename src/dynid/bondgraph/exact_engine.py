@@ -69,19 +69,6 @@ class TransferFunction(TransferProperties):
             *(polynomial // math.gcd(above.content(), below.content()) for polynomial in (above, below))
         )
 
-    @classmethod
-    def of_roots(
-        cls,
-        numerator: Any,
-        denominator: Any,
-        zeros: tuple[CertifiedRoot, ...],
-        poles: tuple[CertifiedRoot, ...],
-    ) -> TransferFunction:
-        """Return it with zeros and poles that are certified already."""
-        transfer = cls(numerator, denominator)
-        vars(transfer).update(zeros=zeros, poles=poles)
-        return transfer
-
     def times(self, factor: Fraction) -> TransferFunction:
         """Return it times a number."""
         numerator, denominator = self.numerator * factor.numerator, self.denominator * factor.denominator

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.program.bounded import bounded_response
+from dynid.bondgraph.program.program import Tape
 from dynid.bondgraph.reduced_graph import GraphProgram, ReducedGraph
 from dynid.defaults import COMPILED_RESPONSES, PLANNED_ANEW
 from dynid.errors import NumericalError, Singular
@@ -107,7 +108,7 @@ def _double(
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
     """Return the registers from double precision, and at which points all can be trusted."""
     values = {name: planned.graph.value(name) for name in planned.valued}
-    response, bounds = bounded_response(planned.program, registers, values, omega)
+    response, bounds = bounded_response(Tape(planned.program, registers), values, omega)
     with np.errstate(invalid="ignore"):
         trusted = bounds <= _RESPONSE_TOL * max(1.0, len(planned.program) / 10) * np.abs(response)
     return response, np.all(trusted & np.isfinite(response), axis=1)

@@ -13,8 +13,10 @@ frequencies far below or above the fastest mode of a stiff graph.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -31,22 +33,19 @@ from dynid.bondgraph.descriptor import (
     without_input_rates,
 )
 from dynid.bondgraph.graph import STORAGES, Port, bond_sign
-from dynid.bondgraph.parametric_program import ParametricProgram, Tape
+from dynid.bondgraph.parametric_program import ParametricProgram, ParametricTape
 from dynid.bondgraph.program.bounded import bounded_response
+from dynid.bondgraph.program.program import Register
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.reducer import reduce_graph
 from dynid.errors import NumericalError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
     from dynid.arrays import Array
 
 
-#: The matrices, in the order of `ParametricEquations.at`.
-_NAMES = ("A", "B", "C", "D")
+#: Largest error bound over the response; of a derivative, over it or the response over the parameter.
+_ERROR_BOUND_TOL = 1e-10
 
 
 class _StateOfGraph(NamedTuple):
@@ -57,16 +56,6 @@ class _StateOfGraph(NamedTuple):
 
     port: Port
     kind: str
-
-
-class _StoredEnergy(NamedTuple):
-    """Energy at some values: that of a state x is ``sum(sizes * (rows @ x)**2) / 2``.
-
-    `rows` gives the effort of each C and the flow of each I; `sizes` their values.
-    """
-
-    rows: Array
-    sizes: Array
 
 
 class ParametricEquations:
@@ -92,13 +81,14 @@ class ParametricEquations:
     """
 
     def __init__(self, reduced: ReducedGraph, unknown: Sequence[str], initial: Sequence[str] = ()) -> None:
-        self.graph, self.unknown = reduced.graph, tuple(unknown)
+        self._reduced, self.graph, self.unknown = reduced, reduced.graph, tuple(unknown)
         program = self._program = ParametricProgram(reduced.graph, unknown)
         try:
             self._derive(reduced, initial)
         except ZeroDivisionError:
             raise contradiction() from None
-        self.reached = frozenset(name for slope in program.slopes(self._registers()) for name in slope)
+        registers = [register for _, _, register in self._entries()]
+        self.reached = frozenset(name for slope in program.slopes(registers) for name in slope)
 
     def _derive(self, reduced: ReducedGraph, initial: Sequence[str]) -> None:
         program, graph = self._program, self.graph
@@ -159,54 +149,38 @@ class ParametricEquations:
 
     # --- matrices ------------------------------------------------------------------------------
 
-    def _entries(self) -> list[tuple[str, tuple[int, ...], int]]:
-        """Return matrix, place and register of every coefficient."""
-        entries: list[tuple[str, tuple[int, ...], int]] = []
+    def _entries(self) -> list[tuple[int, tuple[int, ...], Register]]:
+        """Return the matrix (0 to 3: A, B, C, D), the index and the register of every coefficient."""
         columns: list[list[FormSymbol]] = [
             [("u", name, order) for name in self.inputs] for order in range(self.highest + 1)
         ]
-        for name, forms, symbols in (
-            ("A", self._rates, self._symbols),
-            ("B", self._rates, columns[0]),
-            ("C", self._outputs, self._symbols),
-        ):
-            entries += [(name, index, register) for index, register in _places(forms, symbols)]
+        blocks = (self._rates, self._symbols), (self._rates, columns[0]), (self._outputs, self._symbols)
+        entries: list[tuple[int, tuple[int, ...], Register]] = [
+            (number, index, register)
+            for number, (forms, symbols) in enumerate(blocks)
+            for index, register in _places(forms, symbols)
+        ]
         for order, symbols in enumerate(columns):
-            entries += [
-                ("D", (order, *index), register) for index, register in _places(self._outputs, symbols)
-            ]
+            entries += [(3, (order, *index), register) for index, register in _places(self._outputs, symbols)]
         return entries
 
-    def _registers(self) -> list[int]:
-        return [register for _, _, register in self._entries()]
-
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Return the shapes of A, B, C, D."""
-        n, inputs, outputs = len(self._symbols), len(self.inputs), len(self._outputs)
-        return {"A": (n, n), "B": (n, inputs), "C": (outputs, n), "D": (self.highest + 1, outputs, inputs)}
-
     @cached_property
-    def _layout(self) -> tuple[Tape, NDArray[np.intp], list[tuple[int, tuple[int, ...]]], int]:
-        """The tape, the place of each of its numbers in one flat array, and the matrices in that array."""
-        entries, shapes, p = self._entries(), self.shapes(), len(self.unknown)
-        parts, size = [], 0
-        for shape in (*(shapes[name] for name in _NAMES), *((p, *shapes[name]) for name in _NAMES)):
-            parts.append((size, shape))
-            size += int(np.prod(shape, dtype=int))
-        begin = {name: parts[k][0] for k, name in enumerate(_NAMES)}
-        slopes_begin = {name: parts[4 + k][0] for k, name in enumerate(_NAMES)}
-        registers, places = [], []
-        index = {name: k for k, name in enumerate(self.unknown)}
+    def _layout(self) -> tuple[ParametricTape, NDArray[np.intp], list[tuple[int, ...]], list[int]]:
+        """The tape, where its numbers are in one flat array, and shapes and starts of the matrices there."""
+        n, inputs, outputs, p = len(self._symbols), len(self.inputs), len(self._outputs), len(self.unknown)
+        shapes = [(n, n), (n, inputs), (outputs, n), (self.highest + 1, outputs, inputs)]
+        shapes += [(p, *shape) for shape in shapes]
+        starts = np.cumsum([0, *map(math.prod, shapes)]).tolist()
+        entries, index_of = self._entries(), {name: k for k, name in enumerate(self.unknown)}
         slopes_of = self._program.slopes([register for _, _, register in entries])
-        for (name, at, register), slopes in zip(entries, slopes_of, strict=True):
-            shape = shapes[name]
-            flat = int(np.ravel_multi_index(at, shape))
-            registers.append(register)
-            places.append(begin[name] + flat)
-            for parameter, slope in slopes.items():
-                registers.append(slope)
-                places.append(slopes_begin[name] + index[parameter] * int(np.prod(shape, dtype=int)) + flat)
-        return Tape(self._program, registers), np.array(places, dtype=np.intp), parts, size
+        registers, places = [], []
+        for (number, index, register), slopes in zip(entries, slopes_of, strict=True):
+            written = [(number, index, register)]
+            written += [(number + 4, (index_of[name], *index), slope) for name, slope in slopes.items()]
+            for matrix, position, coefficient in written:
+                registers.append(coefficient)
+                places.append(starts[matrix] + int(np.ravel_multi_index(position, shapes[matrix])))
+        return ParametricTape(self._program, registers), np.array(places, dtype=np.intp), shapes, starts
 
     def at(self, values: Mapping[str, float]) -> tuple[Array, ...]:
         """Return A, B, C, D (orders x outputs x inputs), and their derivatives (p x …), to double precision.
@@ -218,35 +192,37 @@ class ParametricEquations:
         NumericalError
             Where a coefficient leaves the range of doubles.
         """
-        tape, places, parts, size = self._layout
-        flat = np.zeros(size)
-        flat[places] = tape.run(self._program.leaves(values))
+        tape, places, shapes, starts = self._layout
+        flat = np.zeros(starts[-1])
+        flat[places] = tape.evaluate(self._program.leaves(values))
         if not np.isfinite(flat).all():
             raise NumericalError(
                 "a coefficient of the state equations is beyond the range of numbers",
                 remedy="Limit the parameters (`min`, `max`), or choose units that bring values nearer to 1.",
                 names=self.unknown,
             )
-        return tuple(
-            flat[first : first + int(np.prod(shape, dtype=int))].reshape(shape) for first, shape in parts
-        )
+        parts = zip(shapes, pairwise(starts), strict=True)
+        return tuple(flat[start:end].reshape(shape) for shape, (start, end) in parts)
 
     @cached_property
-    def _energy_tape(self) -> tuple[Tape, list[tuple[int, int]]]:
-        entries = list(_places(self._stored, self._symbols))
-        values = [self._program.parameter(name) for name in self.storages]
-        return Tape(self._program, [*values, *(register for _, register in entries)]), [
-            (index[0], index[1]) for index, _ in entries
-        ]
+    def _energy_tape(self) -> tuple[ParametricTape, list[tuple[int, int]]]:
+        entries = _places(self._stored, self._symbols)
+        registers = [self._program.parameter(name) for name in self.storages]
+        registers += [register for _, register in entries]
+        return ParametricTape(self._program, registers), [index for index, _ in entries]
 
-    def energy(self, values: Mapping[str, float]) -> _StoredEnergy:
-        """Return the stored energy as a function of the state, at values of the parameters."""
+    def energy(self, values: Mapping[str, float]) -> tuple[Array, Array]:
+        """Return the stored energy at values of the parameters: rows and sizes.
+
+        That of a state x is ``sum(sizes * (rows @ x)**2) / 2``: `rows` gives the effort of each C and the
+        flow of each I, `sizes` their values.
+        """
         tape, places = self._energy_tape
-        numbers, count = np.array(tape.run(self._program.leaves(values))), len(self.storages)
+        numbers, count = np.array(tape.evaluate(self._program.leaves(values))), len(self.storages)
         rows = np.zeros((count, len(self.states)))
         for index, number in zip(places, numbers[count:], strict=True):
             rows[index] = number
-        return _StoredEnergy(rows, numbers[:count])
+        return rows, numbers[:count]
 
     def generic_rank(self, rows: Sequence[int], columns: Sequence[int]) -> int:
         """Return the rank of a block of A for all values of the parameters but exceptional ones."""
@@ -265,6 +241,58 @@ class ParametricEquations:
         entries = [nmod(image, prime) for row in images for image in row]
         return int(nmod_mat(len(rows), len(columns), entries, prime).rank())
 
+    # --- frequency responses -------------------------------------------------------------------
+
+    @cached_property
+    def _channels(self) -> ParametricTape:
+        """The tape of the responses, output by output, and of their derivatives."""
+        reduced, program = self._reduced, ParametricProgram(self.graph, self.unknown)
+        channels: list[Register] = []
+        try:
+            for port in reduced.outputs:
+                transfers = reduce_graph(
+                    reduced.structure, program, port, reduced.inputs, traced=False
+                ).channels
+                channels += [transfers.get(source, program.zero) for source in reduced.inputs]
+            slopes = program.slopes(channels)
+        except ZeroDivisionError:
+            raise contradiction() from None
+        derivatives = (slope.get(name, program.zero) for slope in slopes for name in self.unknown)
+        return ParametricTape(program, [*channels, *derivatives])
+
+    def response(
+        self, values: Mapping[str, float], omega: NDArray[np.float64]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the responses at s = j omega (L x outputs x inputs), and their derivatives (… x p).
+
+        Parameters
+        ----------
+        values
+            The values of the unknown parameters, by name.
+        omega
+            Angular frequencies, rad/s, not zero (L).
+
+        Raises
+        ------
+        Singular
+            Where a response is infinite, or the equations have no unique solution.
+        """
+        tape, shape = self._channels, (len(self._reduced.outputs), len(self._reduced.inputs))
+        leaves, count = tape.program.leaves(values), math.prod(shape)
+        responses, error = bounded_response(tape, leaves, omega)
+        theta = np.abs([values[name] for name in self.unknown])
+        with np.errstate(all="ignore"):
+            size = np.abs(responses)
+            relative = size[:, :count, None] / np.where(theta > 0, theta, np.inf)
+            size[:, count:] = np.maximum(size[:, count:], relative.reshape(size[:, count:].shape))
+            trusted = np.all((error <= _ERROR_BOUND_TOL * size) & np.isfinite(responses), axis=1)
+        for line in np.flatnonzero(~trusted):
+            responses[line] = tape.evaluate(leaves, float(omega[line]))
+        return (
+            responses[:, :count].reshape(len(omega), *shape),
+            responses[:, count:].reshape(len(omega), *shape, len(self.unknown)),
+        )
+
 
 def _places(forms: Sequence[LinearForm], symbols: Sequence[FormSymbol]) -> list[tuple[tuple[int, int], int]]:
     """Return row, column and register of the coefficients of these symbols."""
@@ -275,67 +303,3 @@ def _places(forms: Sequence[LinearForm], symbols: Sequence[FormSymbol]) -> list[
         for symbol, value in form.items()
         if symbol in column
     ]
-
-
-#: Largest error bound over the response; of a derivative, over it or the response over the parameter.
-_ERROR_BOUND_TOL = 1e-10
-
-
-class ParametricResponse:
-    """The responses of a graph's outputs to its inputs at s = j omega.
-
-    Raises
-    ------
-    Singular
-        Where the equations have no unique solution whatever the parameters are.
-    """
-
-    def __init__(self, reduced: ReducedGraph, unknown: Sequence[str]) -> None:
-        program = self._program = ParametricProgram(reduced.graph, unknown)
-        self._shape = len(reduced.outputs), len(reduced.inputs)
-        self._unknown = tuple(unknown)
-        channels: list[int] = []
-        try:
-            for port in reduced.outputs:
-                transfers = reduce_graph(
-                    reduced.structure, program, port, reduced.inputs, traced=False
-                ).channels
-                channels += [transfers.get(source, program.zero) for source in reduced.inputs]
-            slopes = program.slopes(channels)
-        except ZeroDivisionError:
-            raise contradiction() from None
-        self._registers = [
-            *channels,
-            *(slope.get(name, program.zero) for slope in slopes for name in self._unknown),
-        ]
-        self._tape = Tape(program, self._registers)
-
-    def at(
-        self, values: Mapping[str, float], omega: NDArray[np.float64]
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return the responses (L x outputs x inputs), and their derivatives by the parameters (… x p).
-
-        Parameters
-        ----------
-        omega
-            Angular frequencies, rad/s, not zero (L).
-
-        Raises
-        ------
-        Singular
-            Where a response is infinite, or the equations have no unique solution.
-        """
-        program, leaves = self._program, self._program.leaves(values)
-        responses, error = bounded_response(program, self._registers, leaves, omega)
-        count, theta = int(np.prod(self._shape)), np.abs([values[name] for name in self._unknown])
-        with np.errstate(all="ignore"):
-            size = np.abs(responses)
-            relative = size[:, :count, None] / np.where(theta > 0, theta, np.inf)
-            size[:, count:] = np.maximum(size[:, count:], relative.reshape(size[:, count:].shape))
-            trusted = np.all((error <= _ERROR_BOUND_TOL * size) & np.isfinite(responses), axis=1)
-        for line in np.flatnonzero(~trusted):
-            responses[line] = self._tape.run(leaves, float(omega[line]))
-        return (
-            responses[:, :count].reshape(len(omega), *self._shape),
-            responses[:, count:].reshape(len(omega), *self._shape, len(self._unknown)),
-        )

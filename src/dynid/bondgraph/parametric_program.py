@@ -9,7 +9,7 @@ apart, but a ball says so.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -17,7 +17,7 @@ from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.program.factored import numeric_point, prime_for
-from dynid.bondgraph.program.program import ModularPoint, Operation, Program, Register
+from dynid.bondgraph.program.program import ModularPoint, Operation, Program, Register, Tape
 from dynid.errors import Singular
 
 #: Bits of the ball arithmetic, tried in this order, and those that a number must have for sure.
@@ -82,22 +82,14 @@ class ParametricProgram(Program):
         return self.div(self.constant(exact.numerator), self.constant(exact.denominator))
 
     def _operation(self, node: Dependent, operands: list[Register]) -> Register:
-        match node.operation:
-            case "+":
-                return self.add(*operands)
-            case "-":
-                return self.sub(*operands)
-            case "*":
-                return self.mul(*operands)
-            case "/":
-                return self.div(*operands)
-            case "neg":
-                return self.neg(*operands)
-            case "pos":
-                return operands[0]
-            case "**" if not isinstance(node.operands[1], Dependent) and node.operands[1] in _EXACT_POWERS:
-                exponent = int(node.operands[1])
-                power = self.product([operands[0]] * abs(exponent))
+        write: dict[str, Callable[..., Register]] = {"+": self.add, "-": self.sub, "*": self.mul}
+        write |= {"/": self.div, "neg": self.neg, "pos": int}
+        if node.operation in write:
+            return write[node.operation](*operands)
+        if node.operation == "**":
+            exponent = node.operands[1]
+            if not isinstance(exponent, Dependent) and exponent in _EXACT_POWERS:
+                power = self.product([operands[0]] * abs(int(exponent)))
                 return power if exponent >= 0 else self.inv(power)
         return self._given(node, "")
 
@@ -116,7 +108,7 @@ class ParametricProgram(Program):
     def slopes(self, registers: Iterable[Register]) -> list[dict[str, Register]]:
         """Write the derivatives of registers by the unknown parameters; those that vanish are left out."""
         registers = list(registers)
-        for register in self.needed(registers):
+        for register in self.behind(registers):
             if register not in self._slopes:
                 self._slopes[register] = self._differentiated(register)
         return [self._slopes[register] for register in registers]
@@ -148,10 +140,6 @@ class ParametricProgram(Program):
             if not self.is_zero(slope):
                 slopes[name] = slope
         return slopes
-
-    def needed(self, registers: Sequence[Register]) -> list[Register]:
-        """Return the registers that these depend on, themselves included, in order."""
-        return [register for register, is_needed in enumerate(self._needed(list(registers))) if is_needed]
 
     # --- evaluation ----------------------------------------------------------------------------
 
@@ -190,46 +178,15 @@ def _numbers(number: Dependent) -> list[Fraction]:
     return numbers
 
 
-class Tape:
-    """Registers of a parametric program that are evaluated again and again, each to full double precision."""
+class ParametricTape(Tape):
+    """Registers of a parametric program, each evaluated to full double precision."""
 
-    def __init__(self, program: ParametricProgram, registers: Sequence[Register]) -> None:
-        self._program = program
-        needed = program.needed(registers)
-        read = [register for register in needed if program.ops[register][0] < Operation.ADD]
-        done = [register for register in needed if program.ops[register][0] >= Operation.ADD]
-        index = {register: k for k, register in enumerate([*read, *done])}
-        self._read = [program.ops[register][:2] for register in read]
-        self._steps = [
-            (op, index[a], index[b] if op is not Operation.NEG else 0)
-            for op, a, b in (program.ops[register] for register in done)
-        ]
-        self._wanted = [index[register] for register in registers]
-        self._known: dict[int, list[Any]] = {}  # what is read and does not change, by precision
+    def __init__(self, program: ParametricProgram, registers: Iterable[Register]) -> None:
+        super().__init__(program, registers)
+        self.program = program
+        self._known: dict[int, dict[str, Any]] = {}  # the values that do not change, by precision
 
-    def _numbers(self, leaves: Mapping[str, float | Fraction], s: Any, precision: int) -> list[Any]:
-        """Return what is read, as balls of the precision in use."""
-        from flint import arb, fmpq
-
-        def ball(number: float | Fraction) -> Any:
-            return arb(number if isinstance(number, float) else fmpq(number.numerator, number.denominator))
-
-        exact_values = self._program.known
-        if precision not in self._known:
-            self._known[precision] = [
-                arb(a)
-                if op is Operation.CONSTANT
-                else ball(exact_values[a])
-                if op is Operation.PARAMETER and a in exact_values
-                else None
-                for op, a in self._read
-            ]
-        return [
-            number if number is not None else s if op is Operation.LAPLACE else ball(leaves[a])
-            for number, (op, a) in zip(self._known[precision], self._read, strict=True)
-        ]
-
-    def run(self, leaves: Mapping[str, float | Fraction], omega: float | None = None) -> list[Any]:
+    def evaluate(self, leaves: Mapping[str, float | Fraction], omega: float | None = None) -> list[Any]:
         """Return the registers, rounded to floats, or to complex numbers at s = j omega.
 
         Parameters
@@ -244,53 +201,37 @@ class Tape:
         Singular
             If a divisor vanishes.
         """
-        from flint import acb, ctx
+        from flint import acb, arb, ctx, fmpq
 
+        def ball(number: float | Fraction) -> Any:
+            return arb(number if isinstance(number, float) else fmpq(number.numerator, number.denominator))
+
+        rounding = float if omega is None else complex
         for precision in PARAMETRIC_PRECISIONS:
             with ctx.workprec(precision):
-                balls = self._balls(
-                    self._numbers(leaves, None if omega is None else acb(0, omega), precision)
-                )
-                rounding = float if omega is None else complex
+                if precision not in self._known:
+                    exact = self.program.known.items()
+                    self._known[precision] = {name: ball(value) for name, value in exact}
+                known = self._known[precision]
+                values = known | {name: ball(leaves[name]) for name in leaves.keys() - known.keys()}
+                balls = self.run(values, None if omega is None else acb(0, omega), arb(1))
                 if all(ball.rel_accuracy_bits() >= _MIN_ACCURATE_BITS for ball in balls):
                     return [rounding(ball) for ball in balls]
                 # what still may be zero with so many bits is zero: a slope at values where it vanishes
                 if precision > PARAMETRIC_PRECISIONS[0] and all(
-                    ball.rel_accuracy_bits() >= _MIN_ACCURATE_BITS or _vanishes(ball, precision)
+                    ball.rel_accuracy_bits() >= _MIN_ACCURATE_BITS
+                    or (ball.is_finite() and ball.contains(0) and abs(ball) < 2.0 ** -(precision // 2))
                     for ball in balls
                 ):
                     return [0.0 if ball.contains(0) else rounding(ball) for ball in balls]
-        values, remedy = "at these values of the parameters", "Limit the parameters (`min`, `max`)"
+        where, remedy = "at these values of the parameters", "Limit the parameters (`min`, `max`)"
         if omega is None:
-            what = f"{values}: a divisor vanishes (a storage without a value, or values that cancel)"
+            what = f"{where}: a divisor vanishes (a storage without a value, or values that cancel)"
         else:
-            what = (
-                f"at {omega:g} rad/s and {values}: a divisor vanishes (such as at an undamped natural mode)"
-            )
+            what = f"at {omega:g} rad/s and {where}: a divisor vanishes (such as at an undamped natural mode)"
             remedy += ", leave that frequency out"
         raise Singular(
             f"the equations of the graph have no solution {what}",
             remedy=f"{remedy}, or start elsewhere.",
-            names=self._program.unknown,
+            names=self.program.unknown,
         )
-
-    def _balls(self, memory: list[Any]) -> list[Any]:
-        add, sub, mul, div = Operation.ADD, Operation.SUB, Operation.MUL, Operation.DIV
-        append = memory.append
-        for op, a, b in self._steps:
-            if op is mul:
-                append(memory[a] * memory[b])
-            elif op is add:
-                append(memory[a] + memory[b])
-            elif op is sub:
-                append(memory[a] - memory[b])
-            elif op is div:
-                append(memory[a] / memory[b])
-            else:
-                append(-memory[a])
-        return [memory[index] for index in self._wanted]
-
-
-def _vanishes(ball: Any, precision: int) -> bool:
-    """Test whether a ball holds zero and is tiny."""
-    return bool(ball.is_finite() and ball.contains(0) and abs(ball) < 2.0 ** -(precision // 2))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port, no_collection
 from dynid.bondgraph.program.factored import (
+    SampledResidues,
     axis_point,
     field_point,
     numeric_point,
@@ -26,12 +27,19 @@ from dynid.defaults import LARGE_GRAPHS
 from dynid.errors import Singular
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from dynid.arithmetic.real_field import RealField
     from dynid.bondgraph.program.factored import RationalFunction
     from dynid.bondgraph.reduction.compiled import PlanResidues
 
 
 Channel = tuple[Port, str]
+#: For every value that varies those of the samples, exact.
+SampleValues = Mapping[str, Sequence[Fraction]]
+#: The residue that stands for s where many samples are tested: any but 0 does.
+_LAPLACE = 0x2F6E2B1D
 #: Where a program is evaluated as it is written: without numbers, with them, or at a frequency as well.
 PlanningPoint = Literal["random", "values"] | Fraction
 
@@ -101,6 +109,26 @@ class GraphProgram(ABC):
     def _vanishing(self) -> bool:
         """Test whether a pivot is zero with these values."""
         return self.program.vanishing(self.answers(), self.pivots(), self.modulo())
+
+    def holds(self, values: SampleValues, count: int) -> NDArray[np.bool_]:
+        """Return for which of many samples of some values the plan holds: no pivot vanishes.
+
+        What is not zero modulo a prime is not zero; a sample that is zero modulo the prime counts as one for
+        which it does not hold, and so does a value of zero, which is another structure.
+        """
+        import numpy as np
+
+        vanished = np.zeros(count, dtype=bool)
+        fixed = {name: [self.graph.value(name)] * count for name in self.valued}
+        residues = {name: SampledResidues.of(v, vanished) for name, v in (fixed | dict(values)).items()}
+        unity, s = (SampledResidues(np.full(count, x, dtype=np.int64), vanished) for x in (1, _LAPLACE))
+        for value in values.values():
+            vanished |= np.array([not number for number in value], dtype=bool)
+        pivots = self.pivots()
+        registers = self.run([*self.answers(), *pivots], residues, s, unity)
+        for pivot in pivots:
+            vanished |= registers[pivot].images == 0
+        return ~vanished
 
     def with_values(self, values: Mapping[str, Fraction]) -> Self:
         """Return the plan with other values of some elements, for which it is known to hold."""

@@ -1,9 +1,9 @@
 """Arrays of numbers in double-double arithmetic: unevaluated sums of two doubles, about 31 digits.
 
 Sums and products are the error-free transformations of Knuth and Dekker, which need neither fused
-multiply-add nor a compiler: a result does not depend on the array that holds the number. Their relative errors
-are at most 3 and 10 units of 2^-106 (Joldes, Muller & Popescu, "Tight and rigorous error bounds for basic
-building blocks of double-word arithmetic", ACM TOMS 44 (2017) 15).
+multiply-add nor a compiler: a result does not depend on the array that holds the number. Their relative
+errors are at most 3 and 10 units of 2^-106 (Joldes, Muller & Popescu, "Tight and rigorous error bounds for
+basic building blocks of double-word arithmetic", ACM TOMS 44 (2017) 15).
 """
 
 from __future__ import annotations

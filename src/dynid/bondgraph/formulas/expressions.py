@@ -185,11 +185,7 @@ def shared(program: Program, registers: Collection[Register], longest: int) -> l
     longest
         Most operations of a formula before a part of it is named.
     """
-    behind = set(registers)
-    for register in range(max(registers, default=-1), -1, -1):
-        if register in behind:
-            behind.update(operands(*program.ops[register]))
-    order = sorted(behind)
+    order = program.behind(registers)
     uses: dict[Register, int] = {}
     for register in order:
         for operand in operands(*program.ops[register]):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.program.program import Program, Register
+from dynid.bondgraph.program.program import Tape
 
 _UNIT_ROUNDOFF = 2.0**-53
 #: Relative rounding error of one complex sum, product and quotient, in units of 2^-53 (Higham 2002, 3.6).
@@ -65,16 +65,15 @@ class Bounded:
 
 
 def bounded_response(
-    program: Program,
-    registers: Sequence[Register],
-    values: Mapping[str, float | Fraction],
-    omega: NDArray[np.float64],
+    tape: Tape, values: Mapping[str, float | Fraction], omega: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     """Return registers at s = j omega, and bounds on their errors; both of shape (omega, register)."""
     leaves = {name: Bounded.rounded(float(value)) for name, value in values.items()}
     s = Bounded((1j * omega).astype(np.complex128), np.zeros_like(omega))
     with np.errstate(all="ignore"):  # what overflows has no finite bound
-        run = program.run(registers, leaves, s, Bounded(np.ones((), dtype=np.complex128), 0.0))
-    numbers = [run[register] for register in registers]
-    response = np.stack([np.broadcast_to(number.value, omega.shape) for number in numbers], axis=-1)
-    return response, np.stack([np.broadcast_to(number.error, omega.shape) for number in numbers], axis=-1)
+        numbers = tape.run(leaves, s, Bounded(np.ones((), dtype=np.complex128), 0.0))
+    response, bounds = (
+        np.stack([np.broadcast_to(part, omega.shape) for part in parts], axis=-1)
+        for parts in ([number.value for number in numbers], [number.error for number in numbers])
+    )
+    return response, bounds

@@ -177,7 +177,7 @@ class _BoundedDoubled:
     @classmethod
     def on_axis(cls, omega: Array) -> _BoundedDoubled:
         """Return the numbers j omega, exactly."""
-        return cls(DoubledComplex.of(1j * omega), np.abs(omega), np.zeros_like(omega))
+        return cls(DoubledComplex.of((1j * omega).astype(np.complex128)), np.abs(omega), np.zeros_like(omega))
 
     def __neg__(self) -> _BoundedDoubled:
         return _BoundedDoubled(-self.value, self.modulus, self.error)
@@ -206,9 +206,7 @@ class _BoundedDoubled:
         square = high.real * high.real + high.imag * high.imag
         inverse = 1.0 / square
         start = DoubledComplex.of(high.conj() * inverse)
-        rest = (
-            DoubledComplex.of(np.ones_like(high)) - self.value * start
-        )  # 1 - z u
+        rest = DoubledComplex.of(np.ones_like(high)) - self.value * start  # 1 - z u
         size = modulus * inverse
         sound = (error <= _MAX_DIVISOR_ERROR * modulus) & (square > _MIN_SQUARE) & (square < _MAX_SQUARE)
         bound = _RECIPROCAL_SLACK * error * inverse + (_RECIPROCAL_ERROR * size + _UNDERFLOW_ERROR)

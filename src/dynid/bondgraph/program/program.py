@@ -9,11 +9,10 @@ ch. 3) gives all partial derivatives of one register for a few times the work of
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import repeat
+from itertools import compress
 from operator import itemgetter
 from typing import Any, TypeVar
 
@@ -247,66 +246,86 @@ class Program:
         first_operands, second_operands = np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
         return np.array(codes, dtype=np.int64), first_operands, second_operands, names
 
+    def behind(self, registers: Iterable[Register]) -> list[Register]:
+        """Return registers and those that they depend on, in order."""
+        requested, ops = list(registers), self.ops
+        needed = bytearray(max(requested, default=-1) + 1)
+        for register in requested:
+            needed[register] = 1
+        for register in range(len(needed) - 1, -1, -1):
+            if needed[register]:
+                op, a, b = ops[register]
+                if op >= _ADD:
+                    needed[a] = 1
+                    if op is not _NEG:
+                        needed[b] = 1
+        return list(compress(range(len(needed)), needed))
+
     def parameters(self, registers: Iterable[Register]) -> set[str]:
         """Return the nodes whose values the wanted registers are made of."""
-        needed = self._needed(list(registers))
-        ops = (self.ops[register] for register in filter(needed.__getitem__, range(len(needed))))
+        ops = (self.ops[register] for register in self.behind(registers))
         return {str(name) for op, name, _ in ops if op is _PARAMETER}
 
     def vanishing(
         self, registers: Iterable[Register], divisors: Iterable[Register], point: ModularPoint
     ) -> bool:
         """Test whether at another point a divisor is zero: one of these, or one on the way to the wanted."""
-        divisors = list(divisors)
+        divisors, numbers = list(divisors), (point.values, point.laplace, point.residue(1))
         try:
-            values = self._at(point, repeat(1))
+            values = self.run(range(len(self.ops)), *numbers)
         except ZeroDivisionError:  # but what nobody needs may be infinite
             try:
-                values = self._at(point, self._needed([*registers, *divisors]))
+                values = self.run([*registers, *divisors], *numbers)
             except ZeroDivisionError:
                 return True
         return not all(values[divisor] for divisor in divisors)
 
-    def _at(self, point: ModularPoint, needed: Iterable[int]) -> list[Any]:
-        """Return the values of registers at a point, as far as they are needed."""
-        values: list[Any] = []
-        for is_needed, (op, a, b) in zip(needed, self.ops, strict=False):
-            if not is_needed:
-                values.append(None)
-            elif op is _DIV:
-                values.append(values[a] / values[b])
-            elif op is _ADD:
-                values.append(values[a] + values[b])
-            elif op is _MUL:
-                values.append(values[a] * values[b])
-            elif op is _PARAMETER:
-                values.append(point.values[a])
-            elif op is _CONSTANT:
-                values.append(point.residue(a))
-            elif op is _LAPLACE:
-                values.append(point.laplace)
-            else:
-                values.append(_ARITHMETIC[op](values[a], values[b]))
-        return values
-
-    def _needed(self, registers: list[Register]) -> bytearray:
-        """Mark the registers that others depend on, up to the last one wanted."""
-        needed = bytearray(max(registers, default=-1) + 1)
-        for register in registers:
-            needed[register] = 1
-        for register in range(len(needed) - 1, -1, -1):
-            if needed[register]:
-                op, a, b = self.ops[register]
-                if op >= _ADD:
-                    needed[a] = needed[b] = 1
-        return needed
-
-    # --- running -------------------------------------------------------------------------------
-
     def run(
         self, registers: Iterable[Register], values: Mapping[str, N], laplace: N, unity: N
     ) -> dict[Register, N]:
-        """Run the part of the program that the wanted registers need.
+        """Run the part of the program that registers need once (`Tape.run`)."""
+        requested = list(registers)
+        return dict(zip(requested, Tape(self, requested).run(values, laplace, unity), strict=True))
+
+
+def operands(op: Operation, a: Any, b: int) -> tuple[Register, ...]:
+    """Return the registers that an operation reads."""
+    if op <= _LAPLACE:
+        return ()
+    return (a,) if op is _NEG else (a, b)
+
+
+class Tape:
+    """The part of a program that some registers need, to be run on any number type again and again.
+
+    Memory is that of the numbers alive at a time: one that is read no more is overwritten.
+    """
+
+    def __init__(self, program: Program, registers: Iterable[Register]) -> None:
+        requested, ops = list(registers), program.ops
+        order = program.behind(requested)
+        last_use = dict.fromkeys(requested, len(ops))  # the last register that reads each of those needed
+        for register in reversed(order):
+            for operand in operands(*ops[register]):
+                last_use.setdefault(operand, register)
+        self._steps: list[tuple[Operation, int, Any, int]] = []
+        self._size, free = 0, list[int]()
+        slots: dict[Register, int] = {}
+        for register in order:
+            op, a, b = ops[register]
+            first, second = a, 0
+            if op >= _ADD:
+                first, second = slots[a], slots[a if op is _NEG else b]
+                free += [slots[operand] for operand in {*operands(op, a, b)} if last_use[operand] == register]
+            if not free:
+                free.append(self._size)
+                self._size += 1
+            slots[register] = free.pop()
+            self._steps.append((op, slots[register], first, second))
+        self._places = [slots[register] for register in requested]
+
+    def run(self, values: Mapping[str, N], laplace: N, unity: N) -> list[N]:
+        """Return the registers.
 
         Parameters
         ----------
@@ -320,43 +339,23 @@ class Program:
         ZeroDivisionError
             Where exact numbers meet a zero pivot; arrays follow NumPy's rules instead.
         """
-        registers = list(registers)
-        # the last register that reads each of those needed, so that memory stays small
-        last_use = {register: register for register in registers}
-        for register in range(max(last_use, default=-1), -1, -1):
-            if register in last_use:
-                for operand in operands(*self.ops[register]):
-                    last_use.setdefault(operand, register)
-        keep = set(registers)
-        memory: dict[Register, Any] = {}
-        for register in sorted(last_use):
-            op, a, b = self.ops[register]
-            if op >= _ADD:
-                memory[register] = -memory[a] if op is _NEG else _ARITHMETIC[op](memory[a], memory[b])
-            elif op is _CONSTANT:
-                memory[register] = unity * a if a != 1 else unity
+        memory: list[Any] = [None] * self._size
+        for op, slot, a, b in self._steps:
+            if op is _MUL:
+                memory[slot] = memory[a] * memory[b]
+            elif op is _ADD:
+                memory[slot] = memory[a] + memory[b]
+            elif op is _DIV:
+                memory[slot] = memory[a] / memory[b]
+            elif op is _SUB:
+                memory[slot] = memory[a] - memory[b]
+            elif op is _PARAMETER:
+                memory[slot] = values[a]
+            elif op is _NEG:
+                memory[slot] = -memory[a]
             else:
-                memory[register] = values[a] if op is _PARAMETER else laplace
-            for operand in operands(op, a, b):
-                if last_use[operand] == register and operand not in keep:
-                    memory.pop(operand, None)
-        return {register: memory[register] for register in registers}
-
-
-_ARITHMETIC: dict[Operation, Callable[[Any, Any], Any]] = {
-    Operation.ADD: operator.add,
-    Operation.SUB: operator.sub,
-    Operation.MUL: operator.mul,
-    Operation.DIV: operator.truediv,
-    Operation.NEG: lambda a, _: -a,
-}
-
-
-def operands(op: Operation, a: Any, b: int) -> tuple[Register, ...]:
-    """Return the registers that an operation reads."""
-    if op <= _LAPLACE:
-        return ()
-    return (a,) if op is _NEG else (a, b)
+                memory[slot] = laplace if op is _LAPLACE else unity * a if a != 1 else unity
+        return [memory[place] for place in self._places]
 
 
 # --- derivatives ----------------------------------------------------------------------------------
@@ -377,13 +376,7 @@ def gradient(
     ZeroDivisionError
         Where exact numbers meet a zero pivot.
     """
-    behind, waiting = {register}, [register]
-    while waiting:
-        for operand in operands(*program.ops[waiting.pop()]):
-            if operand not in behind:
-                behind.add(operand)
-                waiting.append(operand)
-    needed = sorted(behind)
+    needed = program.behind([register])
     run = program.run(needed, values, laplace, unity)
     slopes: dict[Register, N] = {register: unity}
     partials: dict[str, N] = {}

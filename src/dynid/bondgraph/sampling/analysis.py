@@ -14,12 +14,12 @@ import numpy as np
 
 from dynid.bondgraph.analysis_request import Analysis, choose_engine
 from dynid.bondgraph.graph import BondGraph, no_collection
-from dynid.bondgraph.reduced_graph import Channel
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, SampleValues
 from dynid.bondgraph.results.channels import add_channel, add_channels, natural_frequencies, time_constants
 from dynid.bondgraph.results.characteristics import CHARACTERISTICS
 from dynid.bondgraph.results.response_results import add_frequency_response, add_time_response
+from dynid.bondgraph.sampling.channel_polynomials import ChannelPolynomials, channel_polynomials
 from dynid.bondgraph.sampling.engine import SampledEngine
-from dynid.bondgraph.sampling.family import ChannelPolynomials, GraphFamily, SampleValues
 from dynid.errors import DynidError
 from dynid.result import Selection, Variable
 
@@ -59,7 +59,7 @@ def _quick(engine: SampledEngine, of: Channel, paths: Collection[str]) -> dict[s
     for kind, spectrum in (("zero", channel.zeros), ("pole", channel.poles)):
         by_path[f"{group}/{kind}"] = [_axis(kind, spectrum.values.shape[1])] * count
         by_path[f"{group}/{kind}s"] = [Variable((f"{kind}",), row, "rad/s") for row in spectrum.values]
-    group, units = f"bond_graph/properties/{name}", engine.family.reduced.units.of_channel(*of)
+    group, units = f"bond_graph/properties/{name}", engine.reduced.units.of_channel(*of)
     for side, gain in (("dc", channel.dc_gain), ("high_frequency", channel.high_frequency_gain)):
         if f"{group}/{side}_gain" in paths:
             by_path[f"{group}/{side}_gain"] = [_scalar(value, units) for value in gain()]
@@ -133,7 +133,16 @@ class SampledAnalysis:
         self, graph: BondGraph, analysis: Analysis, varying: Collection[str], paths: Collection[str]
     ) -> None:
         self.analysis, self.wanted = analysis, frozenset(paths)
-        self._family = GraphFamily(graph, analysis.inputs, analysis.outputs, tuple(varying), traced=False)
+        self._varying = tuple(varying)
+        stand_ins = {name: Fraction(1009 + 20 * k, 7) for k, name in enumerate(varying)}
+        graph = graph.with_values(stand_ins)  # what varies in it counts for nothing
+        reduced = self._reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=False)
+        # elements that no output depends on, but whose values decide whether sources agree
+        structure, deciding = reduced.structure, set[str]()
+        for name in reduced.unsolved():
+            deciding.update(structure.junctions[name].elements)
+            deciding.update(coupling.two_port for coupling in structure.tied[name] if coupling.two_port)
+        self._apart = bool(reduced.undetermined) or not deciding.isdisjoint(varying)
         self._responds = self._asks(_FREQUENCY, _TIME)
         #: The channels as polynomials; None where each sample is to be solved by itself.
         self._polynomials: dict[Channel, ChannelPolynomials] | None = None
@@ -141,9 +150,9 @@ class SampledAnalysis:
         if (
             self._asks(*_CHANNELS)
             and not ends & _ALONE
-            and choose_engine(self._family.reduced, analysis).engine == "exact"
+            and choose_engine(reduced, analysis).engine == "exact"
         ):
-            polynomials = self._family.polynomials
+            polynomials = channel_polynomials(reduced, self._varying)
             explained = "hidden_modes" in analysis.results and "hidden_modes" in ends
             if not explained or not any(polynomial.hidden for polynomial in (polynomials or {}).values()):
                 self._polynomials = polynomials  # explained hidden modes stand in the order of their causes
@@ -162,12 +171,12 @@ class SampledAnalysis:
             Stored energy of every sample at t = 0; default: as the analysis says.
         """
         with no_collection():
-            kept = np.flatnonzero(self._family.holds(values, count)).tolist()
+            kept = [] if self._apart else np.flatnonzero(self._reduced.holds(values, count)).tolist()
             engine: SampledEngine | None = None
             channel_columns: dict[str, ResultColumn] = {}
             if self._polynomials is not None and kept:
-                of_kept = {name: [column[k] for k in kept] for name, column in values.items()}
-                engine = SampledEngine(self._family, self._polynomials, of_kept, len(kept))
+                of_kept = {name: [values[name][k] for k in kept] for name in self._varying}
+                engine = SampledEngine(self._reduced, self._polynomials, of_kept, len(kept))
                 channel_paths = {path for path in self.wanted if path.startswith(_CHANNELS)}
                 channel_columns = columns(engine, self.analysis, channel_paths)
             results: list[Mapping[str, Variable] | None] = [None] * count
@@ -191,7 +200,7 @@ class SampledAnalysis:
     ) -> dict[str, Variable] | None:
         """Return the arrays of one sample by itself; None where it fails: run alone it reports why."""
         analysis, result = self.analysis, Selection("bond-graph", self.wanted)
-        reduced = self._family.at(values)
+        reduced = self._reduced.with_values(values)
         try:
             if channels and self._asks(*_CHANNELS):
                 add_channels(result, reduced, analysis)

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
-from dynid.bondgraph.sampling.family import (
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, SampleValues
+from dynid.bondgraph.sampling.channel_polynomials import (
     ChannelPolynomials,
-    GraphFamily,
     Integers,
     PowerTables,
-    SampleValues,
     SquarefreeFactor,
     nonzero,
 )
@@ -87,7 +85,7 @@ class _SampledChannel:
 
 
 class SampledEngine:
-    """The channels of samples of a family.
+    """The channels of samples of a graph.
 
     Numerator and denominator are evaluated exactly and the roots certified together. A sample for which
     something of that fails (a leading coefficient that vanishes, roots that meet or cancel, one that is on
@@ -101,12 +99,12 @@ class SampledEngine:
 
     def __init__(
         self,
-        family: GraphFamily,
+        reduced: ReducedGraph,
         channels: dict[Channel, ChannelPolynomials],
         values: SampleValues,
         count: int,
     ) -> None:
-        self.family, self.count = family, count
+        self.reduced, self.count = reduced, count
         self.certain = np.ones(count, dtype=bool)
         parts = [
             polynomial
@@ -117,7 +115,7 @@ class SampledEngine:
                 *(factor.polynomial for factor in polynomials.factors),
             )
         ]
-        self._tables = PowerTables([values[name] for name in family.varying], parts, count)
+        self._tables = PowerTables(list(values.values()), parts, count)
         self.channels: dict[Channel, _SampledChannel] = {}
         for channel, polynomials in channels.items():
             above, below = map(self._tables.coefficients, (polynomials.numerator, polynomials.denominator))
@@ -133,23 +131,6 @@ class SampledEngine:
 
     def __getitem__(self, sample: int) -> _EngineSample:
         return _EngineSample(self, sample)
-
-    def transfer(self, channel: Channel, sample: int) -> TransferFunction:
-        """Return a channel of a sample, with its roots."""
-        from flint import fmpz_poly
-
-        solved = self.channels[channel]
-        numerator, denominator = (
-            fmpz_poly([column[sample] for column in columns])
-            for columns in (solved.numerator, solved.denominator)
-        )
-        return TransferFunction.of_roots(
-            numerator, denominator, solved.zeros.roots(sample), solved.poles.roots(sample)
-        )
-
-    def hidden_modes(self, channel: Channel, sample: int) -> tuple[CertifiedRoot, ...]:
-        """Return the natural modes that cancel in a channel of a sample."""
-        return self.channels[channel].hidden.roots(sample)
 
     def _roots(self, factors: Sequence[SquarefreeFactor]) -> list[tuple[RootBatch, int]]:
         spectrum = []
@@ -180,15 +161,24 @@ class _EngineSample(NamedTuple):
     @property
     def reduced(self) -> ReducedGraph:
         """The plan that the sample shares with the others."""
-        return self.engine.family.reduced
+        return self.engine.reduced
 
     def channel(self, channel: Channel) -> TransferFunction:
-        """Return one channel."""
-        return self.engine.transfer(channel, self.number)
+        """Return one channel, with its roots."""
+        from flint import fmpz_poly
+
+        solved, sample = self.engine.channels[channel], self.number
+        numerator, denominator = (
+            fmpz_poly([column[sample] for column in columns])
+            for columns in (solved.numerator, solved.denominator)
+        )
+        transfer = TransferFunction(numerator, denominator)
+        vars(transfer).update(zeros=solved.zeros.roots(sample), poles=solved.poles.roots(sample))
+        return transfer
 
     def hidden_modes(self, channel: Channel) -> tuple[CertifiedRoot, ...]:
         """Return the natural modes that cancel in a channel."""
-        return self.engine.hidden_modes(channel, self.number)
+        return self.engine.channels[channel].hidden.roots(self.number)
 
 
 def _apart(spectrum: Sequence[tuple[RootBatch, int]], count: int) -> NDArray[np.bool_]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ import numpy as np
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Node, Port, port_fault
-from dynid.bondgraph.parametric_equations import ParametricEquations, ParametricResponse
+from dynid.bondgraph.parametric_equations import ParametricEquations
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular, UsageError
 from dynid.identification.records.simulation import Simulation
@@ -361,8 +360,8 @@ class GraphSystem(LinearSystem):
         kinds = np.array([state.kind for state in self._equations.states], dtype=str)
         q, f = (np.flatnonzero(kinds == kind) for kind in "qf")
         complete = self._complete(values)
-        stored = self._equations.energy(complete)
-        factor = np.sqrt(np.abs(stored.sizes))[:, None] * stored.rows  # the energy is |factor x|^2 / 2
+        rows, sizes = self._equations.energy(complete)
+        factor = np.sqrt(np.abs(sizes))[:, None] * rows  # the energy is |factor x|^2 / 2
         compliance, mobility = _inverse_root(factor[:, q]), _inverse_root(factor[:, f])
         moving = self._equations.at(complete)[0][np.ix_(q, f)] @ mobility
         axes, omega, _ = np.linalg.svd(np.linalg.solve(compliance, moving), full_matrices=True)
@@ -378,14 +377,14 @@ class GraphSystem(LinearSystem):
         reach = np.linalg.norm(matrices.C @ root, axis=1)
         *_, omega = self._motions(values)
         slowest = np.hypot(omega.min(initial=np.inf), 1 / length)
-        stored, equations = self._equations.energy(self._complete(values)), self._equations
+        (rows, sizes), equations = self._equations.energy(self._complete(values)), self._equations
         for k, channel in enumerate(self._channels):
             name, quantity = channel.port.node, channel.port.quantity
             rate = {"I": "e", "C": "f"}.get(equations.graph.nodes[name].type)
             if len(omega) and quantity == rate and name in equations.storages:
                 row = equations.storages.index(name)
-                spread = float(np.linalg.norm(stored.rows[row] @ root))
-                reach[k] = min(reach[k], slowest * abs(stored.sizes[row]) * spread)
+                spread = float(np.linalg.norm(rows[row] @ root))
+                reach[k] = min(reach[k], slowest * abs(sizes[row]) * spread)
         return np.where(reach > 0, reach, np.inf)
 
     def response(self, values: Mapping[str, float], omega: Array) -> tuple[ComplexArray, ComplexArray]:
@@ -412,14 +411,10 @@ class GraphSystem(LinearSystem):
                     names=("frequency",),
                 ) from None
         if not rest.all():
-            responses, moved = self._response.at(self._complete(values), omega[~rest])
+            responses, moved = self._equations.response(self._complete(values), omega[~rest])
             H[~rest] = responses[:, self._rows][:, :, self._columns]
             slopes[~rest] = moved[:, self._rows][:, :, self._columns]
         return H, slopes
-
-    @cached_property
-    def _response(self) -> ParametricResponse:
-        return ParametricResponse(self._reduced, self._names)
 
     def state_space(self, values: Mapping[str, float]) -> StateSpace:
         """Return the state space at values of the parameters, with the names of its states."""

@@ -1,22 +1,17 @@
-"""A graph in which some values vary: planned once, its channels polynomials in s and these values.
-
-The polynomials are evaluated exactly for many samples.
-"""
+"""The channels of a graph as polynomials in s and the values that vary, evaluated for many samples."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, reduce
+from functools import reduce
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.formulas.symbolic import FormulaTooLong, variables
-from dynid.bondgraph.graph import BondGraph, Port
-from dynid.bondgraph.program.factored import PRIME, SampledResidues
 from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, determinant
 from dynid.defaults import SHARED_POLYNOMIALS
 
@@ -134,19 +129,14 @@ def nonzero(columns: Sequence[Integers]) -> NDArray[np.bool_]:
     return both.astype(bool)
 
 
-# --- graphs of a family ---------------------------------------------------------------------------
+# --- channels -------------------------------------------------------------------------------------
 
 _TERMS = SHARED_POLYNOMIALS.value
-#: The residue that stands for s: any but 0 does.
-_LAPLACE = 0x2F6E2B1D
-
-SampleValues = Mapping[str, Sequence[Fraction]]
-"""For every value that varies those of the samples, exact."""
 
 
 @dataclass(frozen=True)
 class ChannelPolynomials:
-    """A channel of a family."""
+    """A channel of graphs that differ in some values."""
 
     #: numerator, denominator: Without a common factor (flint `fmpz_mpoly`, s being the first variable).
     numerator: Any
@@ -163,94 +153,38 @@ class ChannelPolynomials:
         return (*self.zeros, *self.poles, *self.hidden)
 
 
-class GraphFamily:
-    """Graphs that differ in the values of some elements.
+def channel_polynomials(
+    reduced: ReducedGraph, varying: Sequence[str]
+) -> dict[Channel, ChannelPolynomials] | None:
+    """Return the channels of a graph as polynomials in s and the values that vary.
 
-    Parameters
-    ----------
-    graph
-        One of them; what varies in it counts for nothing.
-    varying
-        The elements whose values vary. A value of zero is another structure, and not of the family.
-
-    Raises
-    ------
-    Singular
-        Where the equations have no unique solution whatever the values.
+    None where they have too many terms, or a channel is zero whatever the values.
     """
-
-    def __init__(
-        self,
-        graph: BondGraph,
-        inputs: Sequence[str],
-        outputs: Sequence[Port],
-        varying: Sequence[str],
-        *,
-        traced: bool,
-    ) -> None:
-        self.varying = tuple(varying)
-        stand_ins = {name: Fraction(1009 + 20 * k, 7) for k, name in enumerate(varying)}
-        self.reduced = ReducedGraph(graph.with_values(stand_ins), inputs, outputs, traced=traced)
-        # elements that no output depends on, but whose values decide whether sources agree
-        structure, deciding = self.reduced.structure, set[str]()
-        for name in self.reduced.unsolved():
-            deciding.update(structure.junctions[name].elements)
-            deciding.update(coupling.two_port for coupling in structure.tied[name] if coupling.two_port)
-        self._alone = bool(self.reduced.undetermined) or not deciding.isdisjoint(varying)
-
-    def holds(self, values: SampleValues, count: int) -> NDArray[np.bool_]:
-        """Return for which samples the plan holds: nothing that it divides by vanishes.
-
-        What is not zero modulo a prime is not zero; a sample that is zero modulo the prime counts as one for
-        which it does not hold.
-        """
-        vanished = np.full(count, self._alone)  # elsewhere some values may contradict each other
-        fixed = {name: [self.reduced.graph.value(name)] * count for name in self.reduced.valued}
-        residues = {name: SampledResidues.of(v, vanished) for name, v in (fixed | dict(values)).items()}
-        unity, s = (
-            SampledResidues(np.full(count, x, dtype=np.int64), vanished) for x in (1, _LAPLACE % PRIME)
-        )
-        for value in values.values():
-            vanished |= np.array([not number for number in value], dtype=bool)
-        pivots = self.reduced.pivots()
-        registers = self.reduced.run([*self.reduced.answers(), *pivots], residues, s, unity)
-        for pivot in pivots:
-            vanished |= registers[pivot].images == 0
-        return ~vanished
-
-    def at(self, values: Mapping[str, Fraction]) -> ReducedGraph:
-        """Return one of the graphs, for which the plan is known to hold."""
-        return self.reduced.with_values(values)
-
-    @cached_property
-    def polynomials(self) -> dict[Channel, ChannelPolynomials] | None:
-        """The channels; None where they have too many terms, or a channel is zero whatever the values."""
-        reduced = self.reduced
-        channels = reduced.channels()
-        natural = {port: determinant(reduced, reduction) for port, reduction in reduced.reductions.items()}
-        try:
-            named, unity = variables(["s", *(f"x{k}" for k in range(len(self.varying)))], _TERMS)
-            values = {name: unity.constant(reduced.graph.value(name)) for name in reduced.valued}
-            values |= {name: named[f"x{k}"] for k, name in enumerate(self.varying)}
-            ratios = reduced.run([*channels.values(), *natural.values()], values, named["s"], unity)
-            lowest = {register: ratio.lowest_terms() for register, ratio in ratios.items()}
-        except FormulaTooLong:
+    channels = reduced.channels()
+    natural = {port: determinant(reduced, reduction) for port, reduction in reduced.reductions.items()}
+    try:
+        named, unity = variables(["s", *(f"x{k}" for k in range(len(varying)))], _TERMS)
+        values = {name: unity.constant(reduced.graph.value(name)) for name in reduced.valued}
+        values |= {name: named[f"x{k}"] for k, name in enumerate(varying)}
+        ratios = reduced.run([*channels.values(), *natural.values()], values, named["s"], unity)
+        lowest = {register: ratio.lowest_terms() for register, ratio in ratios.items()}
+    except FormulaTooLong:
+        return None
+    polynomials = {}
+    for channel, register in channels.items():
+        port = channel[0]
+        numerator, denominator = lowest[register]
+        shown = denominator
+        if reduced.graph.integrates(port) and denominator % (s := unity.ring.gen(0)) == 0:
+            shown = denominator // s
+        modes, rest = lowest[natural[port]]
+        if numerator == 0 or rest.degrees()[0] or modes % _primitive(shown) != 0:
             return None
-        channel_polynomials = {}
-        for channel, register in channels.items():
-            port = channel[0]
-            numerator, denominator = lowest[register]
-            shown = denominator
-            if reduced.graph.integrates(port) and denominator % (s := unity.ring.gen(0)) == 0:
-                shown = denominator // s
-            modes, rest = lowest[natural[port]]
-            if numerator == 0 or rest.degrees()[0] or modes % _primitive(shown) != 0:
-                return None
-            hidden = factors(modes // _primitive(shown))
-            channel_polynomials[channel] = ChannelPolynomials(
-                numerator, denominator, factors(numerator), factors(denominator), hidden
-            )
-        return channel_polynomials
+        hidden = factors(modes // _primitive(shown))
+        polynomials[channel] = ChannelPolynomials(
+            numerator, denominator, factors(numerator), factors(denominator), hidden
+        )
+    return polynomials
 
 
 def _primitive(polynomial: Any) -> Any:
