@@ -35,16 +35,9 @@ if TYPE_CHECKING:
 def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     """Run an analysis of a bond graph.
 
-    Returns
-    -------
-    Result
-        Arrays under `bond_graph/`, as far as they were asked for.
-
-    Raises
-    ------
-    Singular
-        Where the graph has no solution, or an output is undetermined; it names the nodes. What causality
-        says of an undetermined graph is returned, with a warning, where nothing else is asked for.
+    Arrays under `bond_graph/`, as far as they were asked for. Raises `Singular` where the graph has no
+    solution, or an output is undetermined; it names the nodes. What causality says of an undetermined graph
+    is returned, with a warning, where nothing else is asked for.
     """
     if analysis.reading == "binary":
         graph = graph.rounded()

@@ -196,12 +196,8 @@ def modelled_storages(reduced: ReducedGraph) -> int:
 def choose_engine(reduced: ReducedGraph, analysis: Analysis) -> EngineChoice:
     """Choose the engine for what is asked.
 
-    Parameters
-    ----------
-    reduced
-        The graph; its size is the number of storage elements behind the outputs.
-    analysis
-        What is asked, and the engine if the user named one.
+    `reduced`: the graph; its size is the number of storage elements behind the outputs. `analysis`: what is
+    asked, and the engine if the user named one.
     """
     if analysis.engine != "auto":
         return EngineChoice(analysis.engine, "as requested", forced=True)

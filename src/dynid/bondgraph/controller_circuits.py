@@ -103,10 +103,7 @@ class _ClosedLoops:
 def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> _ClosedLoops:
     """Return a graph with feedback; delays are approximated (`Loop.approximated`).
 
-    Raises
-    ------
-    UsageError
-        If a controller differentiates more than once.
+    Raises `UsageError` if a controller differentiates more than once.
     """
     circuit, loops = Circuit(graph), list(loops)
     for source in dict.fromkeys(loop.source for loop in loops):

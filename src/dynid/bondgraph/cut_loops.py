@@ -55,10 +55,7 @@ def polynomial_over(field: RealField | None, coefficients: list[Any]) -> Any:
 class CutLoops:
     """The loops of a graph, all cut open.
 
-    Raises
-    ------
-    Singular
-        Where the graph without feedback has no unique solution.
+    Raises `Singular` where the graph without feedback has no unique solution.
     """
 
     def __init__(self, opened: BondGraph, loops: Sequence[Loop]) -> None:
@@ -198,10 +195,7 @@ class CutLoops:
     def check(self) -> None:
         """Raise where a loop passes through no delay and no storage element, and has no solution.
 
-        Raises
-        ------
-        Singular
-            Where 1 + L is zero, or falls to zero at high frequencies; it names the loops.
+        Raises `Singular` where 1 + L is zero, or falls to zero at high frequencies; it names the loops.
         """
         prompt = [loop for loop, delay in enumerate(self._delays) if not delay]
         degree = self._minor([]).degree()

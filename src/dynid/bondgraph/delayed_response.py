@@ -28,10 +28,7 @@ def delayed_response(
     The response without the delays is certified; the delays turn what is fed back by exp(-jωτ) - 1. Where
     the loops without their delays have a pole on the axis, they are taken open instead.
 
-    Returns
-    -------
-    callable
-        Of angular frequencies in rad/s, it returns the response, shape (omega, output, input).
+    Of angular frequencies in rad/s, it returns the response, shape (omega, output, input).
     """
     closed = close_loops(opened, loops)
     outputs = [closed.variables.get(port, port) for port in outputs]

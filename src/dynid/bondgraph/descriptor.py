@@ -72,10 +72,7 @@ class NumberField:
 class RegisterNumber:
     """A number that is written down, not computed: a register of a program.
 
-    Parameters
-    ----------
-    register
-        What stands for the number; it is zero where its image at the program's point is.
+    `register`: what stands for the number; it is zero where its image at the program's point is.
     """
 
     __slots__ = ("program", "register")
@@ -147,14 +144,8 @@ def contradiction() -> Singular:
 class Descriptor:
     """The equations of a part of a graph, each a form that equals zero.
 
-    Parameters
-    ----------
-    inputs
-        Sources that are inputs; all others are zero.
-    initial
-        Storages with energy at t = 0, each an input `initial:NAME`.
-    freed
-        A source whose signal is an unknown, not an input.
+    `inputs`: sources that are inputs; all others are zero. `initial`: storages with energy at t = 0, each an
+    input `initial:NAME`. `freed`: a source whose signal is an unknown, not an input.
     """
 
     def __init__(
@@ -294,15 +285,8 @@ def solve(
 ) -> tuple[dict[str, LinearForm], list[LinearForm]]:
     """Return the rate of every unknown that is left, and the outputs, as forms in these and the inputs.
 
-    Parameters
-    ----------
-    equations
-        Forms that equal zero, in unknowns, rates and inputs.
-
-    Raises
-    ------
-    Singular
-        Where the equations contradict each other or leave an unknown open.
+    `equations`: forms that equal zero, in unknowns, rates and inputs. Raises `Singular` where the equations
+    contradict each other or leave an unknown open.
     """
     return _IndexReduction(equations, outputs).run()
 
@@ -450,15 +434,8 @@ def irreducible_blocks(equations: Sequence[LinearForm]) -> list[_IrreducibleBloc
     Equations and unknowns can be ordered so that the system is block triangular; each block is returned
     without what stands beside the diagonal: terms in unknowns of other blocks, and inputs.
 
-    Parameters
-    ----------
-    equations
-        Forms that equal zero; an unknown and its rate are one column.
-
-    Raises
-    ------
-    Singular
-        Where the determinant vanishes whatever the coefficients are.
+    `equations`: forms that equal zero; an unknown and its rate are one column. Raises `Singular` where the
+    determinant vanishes whatever the coefficients are.
     """
     columns_of: dict[str, int] = {}
     columns: list[int] = []

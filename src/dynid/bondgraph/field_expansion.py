@@ -84,15 +84,9 @@ class Expansion:
     ) -> str:
         """Add a port, and return the junction behind it to which the interior is connected.
 
-        Parameters
-        ----------
-        kind
-            0 or 1: the junction that bonds of the user are at.
-        quantities
-            The quantities e, f, q, p that are outputs. Those that the junction does not have in common
-            are those of one of the other kind behind it.
-        outward
-            True where power is positive out of the port.
+        `kind`: 0 or 1: the junction that bonds of the user are at. `quantities`: the quantities e, f, q, p
+        that are outputs. Those that the junction does not have in common are those of one of the other kind
+        behind it. `outward`: True where power is positive out of the port.
         """
         outer = self.add(kind, f"{self.name}.{port}", None, domain)
         others = [quantity for quantity in quantities if quantity in ("ep" if kind == "1" else "fq")]
@@ -243,12 +237,8 @@ def expand_coupling(
 def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0, *, signed: bool = False) -> list[Square]:
     """Return a matrix of numbers that may depend on parameters as squares.
 
-    Raises
-    ------
-    UsageError
-        If a square vanishes at the reference values of the parameters, but not at others.
-    Indefinite
-        If it is indefinite.
+    Raises `UsageError` if a square vanishes at the reference values of the parameters, but not at others.
+    Raises `Indefinite` if it is indefinite.
     """
     unknown = any(isinstance(entry, Dependent) for row in rows.values() for entry in row.values())
     exact = squares(at_reference(rows), rounding, signed=signed and not unknown)

@@ -121,10 +121,7 @@ class _ValueExpression(Protocol):
 class Node:
     """A node of a bond graph.
 
-    Raises
-    ------
-    UsageError
-        Where there is no such domain.
+    Raises `UsageError` where there is no such domain.
     """
 
     name: str  # its name, unique in the graph
@@ -190,15 +187,8 @@ class BondGraph:
 
     Irrational values keep their exact meaning: they are coded as fractions (`RealField`).
 
-    Parameters
-    ----------
-    bonds
-        The bonds; power is positive from tail to head.
-
-    Raises
-    ------
-    UsageError
-        Where `graph_faults` finds anything, or a value is missing.
+    `bonds`: the bonds; power is positive from tail to head. Raises `UsageError` where `graph_faults` finds
+    anything, or a value is missing.
     """
 
     @no_collection()
@@ -356,10 +346,7 @@ def bond_sign(graph: BondGraph, name: str) -> int:
 def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[_GraphFault]:
     """Return the faults of a graph's shape: loose ends, and nodes with too many bonds.
 
-    Parameters
-    ----------
-    bonds
-        Bonds between those nodes; bonds to other names are left to the caller to report.
+    `bonds`: bonds between those nodes; bonds to other names are left to the caller to report.
     """
     faults = [
         _GraphFault(f"the bond '{bond}' ends where it starts", bond=index)
@@ -423,10 +410,7 @@ def spread_domains(graph: BondGraph, seeds: Mapping[str, str]) -> dict[str, str]
 class GraphUnits:
     """The units of a graph's variables, as far as domains determine them; else empty.
 
-    Parameters
-    ----------
-    graph
-        The graph; its nodes may name their domains.
+    `graph`: the graph; its nodes may name their domains.
     """
 
     def __init__(self, graph: BondGraph) -> None:

@@ -48,10 +48,7 @@ Again = Callable[[Any], list[int]]
 def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Return T(j omega), shape (omega, output, input); a pole on the axis gives inf.
 
-    Raises
-    ------
-    NumericalError
-        Where a natural mode is so near to a frequency that no precision is enough.
+    Raises `NumericalError` where a natural mode is so near to a frequency that no precision is enough.
     """
 
     def channels(planned: ReducedGraph) -> list[int]:

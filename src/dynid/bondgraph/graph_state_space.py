@@ -48,18 +48,10 @@ def state_space(reduced: ReducedGraph, initial: Sequence[str] = ()) -> StateSpac
     as ports (`body.f`, `C_a.e`), in SI units; where the input's derivative enters the equations, a multiple
     of the input is taken off them.
 
-    Parameters
-    ----------
-    reduced
-        The graph with its inputs and outputs; only the part that the outputs depend on is modelled.
-    initial
-        Storages with energy at t = 0. Each adds an input `initial:NAME`: an impulse of strength f(0) on
-        an I, e(0) on a C is the equivalent source of Park & Kim 1997, eqs 13 to 16.
-
-    Raises
-    ------
-    Singular
-        Where the equations have no unique solution.
+    `reduced`: the graph with its inputs and outputs; only the part that the outputs depend on is modelled.
+    `initial`: storages with energy at t = 0. Each adds an input `initial:NAME`: an impulse of strength f(0)
+    on an I, e(0) on a C is the equivalent source of Park & Kim 1997, eqs 13 to 16. Raises `Singular` where
+    the equations have no unique solution.
     """
     return rounded(*_derived(reduced, initial), [str(port) for port in reduced.outputs])
 
@@ -98,15 +90,8 @@ def natural_order(
 ) -> int:
     """Return the number of states of a graph with its values: the degree of its natural polynomial.
 
-    Parameters
-    ----------
-    structure
-        That structure, where what no output depends on is held; default: it is made of the graph.
-
-    Raises
-    ------
-    Singular
-        Where the equations have no unique solution.
+    `structure`: that structure, where what no output depends on is held; default: it is made of the graph.
+    Raises `Singular` where the equations have no unique solution.
     """
     if structure is None:
         structure = JunctionStructure(graph)
@@ -127,12 +112,8 @@ def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
     The equations are exact and substitution is sparse, but written in states of their own far parts of a
     long line of power weigh on each other by huge coefficients: for zeros alone use `zero_parts`.
 
-    Raises
-    ------
-    Singular
-        Where the input does not reach the output: no input holds it, or every one does.
-    NumericalError
-        Where a coefficient leaves the range of doubles.
+    Raises `Singular` where the input does not reach the output: no input holds it, or every one does. Raises
+    `NumericalError` where a coefficient leaves the range of doubles.
     """
     system, equations = constrained(reduced, port, source, NumberField.rational(reduced.graph))
     with _unreached(port, source):
@@ -163,10 +144,7 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
     graph that they come from. A chain with the force at one end and the velocity at the other falls into one
     part a stage.
 
-    Raises
-    ------
-    Singular
-        Where the input does not reach the output.
+    Raises `Singular` where the input does not reach the output.
     """
     system, equations = constrained(reduced, port, source, NumberField.rational(reduced.graph))
     with _unreached(port, source):

@@ -57,12 +57,8 @@ class _HiddenMode:
 def hidden_modes(reduced: ReducedGraph, channel: Channel, polynomial: Any) -> Iterator[_HiddenMode]:
     """Explain the hidden modes of a channel.
 
-    Parameters
-    ----------
-    reduced, channel
-        The graph, and the channel (output, input).
-    polynomial
-        The polynomial whose roots they are (flint `fmpz_poly`).
+    `reduced` and `channel`: the graph, and the channel (output, input). `polynomial`: the polynomial whose
+    roots they are (flint `fmpz_poly`).
     """
     storages = [name for name in reduced.storages if name in reduced.reductions[channel[0]].modelled]
     rational = reduced.field is None

@@ -61,23 +61,10 @@ class _StateOfGraph(NamedTuple):
 class ParametricEquations:
     """``x' = A x + B u``, ``y = C x + D[0] u + D[1] u' + …`` of the part of a graph that its outputs need.
 
-    Parameters
-    ----------
-    initial
-        Storages with energy at t = 0, each a further input: an impulse of strength f(0) of an I, e(0) of
-        a C.
-
-    Raises
-    ------
-    Singular
-        Where the equations have no unique solution whatever the parameters are.
-
-    Attributes
-    ----------
-    inputs
-        The names of the inputs, those of the stored energy last.
-    orders
-        The highest derivative of each input in the outputs, -1 where it does not enter directly.
+    `initial`: storages with energy at t = 0, each a further input: an impulse of strength f(0) of an I, e(0)
+    of a C. Raises `Singular` where the equations have no unique solution whatever the parameters are.
+    `inputs`: the names of the inputs, those of the stored energy last. `orders`: the highest derivative of
+    each input in the outputs, -1 where it does not enter directly.
     """
 
     def __init__(self, reduced: ReducedGraph, unknown: Sequence[str], initial: Sequence[str] = ()) -> None:
@@ -185,12 +172,8 @@ class ParametricEquations:
     def at(self, values: Mapping[str, float]) -> tuple[Array, ...]:
         """Return A, B, C, D (orders x outputs x inputs), and their derivatives (p x …), to double precision.
 
-        Raises
-        ------
-        Singular
-            Where the equations change their form: a divisor vanishes.
-        NumericalError
-            Where a coefficient leaves the range of doubles.
+        Raises `Singular` where the equations change their form: a divisor vanishes. Raises `NumericalError`
+        where a coefficient leaves the range of doubles.
         """
         tape, places, shapes, starts = self._layout
         flat = np.zeros(starts[-1])
@@ -265,17 +248,8 @@ class ParametricEquations:
     ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return the responses at s = j omega (L x outputs x inputs), and their derivatives (… x p).
 
-        Parameters
-        ----------
-        values
-            The values of the unknown parameters, by name.
-        omega
-            Angular frequencies, rad/s, not zero (L).
-
-        Raises
-        ------
-        Singular
-            Where a response is infinite, or the equations have no unique solution.
+        `values`: the values of the unknown parameters, by name. `omega`: angular frequencies, rad/s, not zero
+        (L). Raises `Singular` where a response is infinite, or the equations have no unique solution.
         """
         tape, shape = self._channels, (len(self._reduced.outputs), len(self._reduced.inputs))
         leaves, count = tape.program.leaves(values), math.prod(shape)

@@ -31,10 +31,7 @@ _EXACT_POWERS = range(-8, 9)
 class ParametricProgram(Program):
     """A program in which `parameter` writes the value of a node as a function of the unknown parameters.
 
-    Parameters
-    ----------
-    unknown
-        The names of the parameters to differentiate by; all others have their reference values.
+    `unknown`: the names of the parameters to differentiate by; all others have their reference values.
     """
 
     def __init__(self, graph: BondGraph, unknown: Sequence[str]) -> None:
@@ -146,10 +143,7 @@ class ParametricProgram(Program):
     def leaves(self, values: Mapping[str, float]) -> dict[str, float | Fraction]:
         """Return the numbers that the program reads, at values of the unknown parameters.
 
-        Raises
-        ------
-        Singular
-            If a value is not defined there.
+        Raises `Singular` if a value is not defined there.
         """
         leaves: dict[str, float | Fraction] = {**self.known}
         leaves |= {f"@{name}": float(values[name]) for name in self.unknown}
@@ -189,17 +183,8 @@ class ParametricTape(Tape):
     def evaluate(self, leaves: Mapping[str, float | Fraction], omega: float | None = None) -> list[Any]:
         """Return the registers, rounded to floats, or to complex numbers at s = j omega.
 
-        Parameters
-        ----------
-        leaves
-            What the program reads, of `ParametricProgram.leaves`.
-        omega
-            Angular frequency, rad/s; default: nothing depends on s.
-
-        Raises
-        ------
-        Singular
-            If a divisor vanishes.
+        `leaves`: what the program reads, of `ParametricProgram.leaves`. `omega`: angular frequency, rad/s;
+        default: nothing depends on s. Raises `Singular` if a divisor vanishes.
         """
         from flint import acb, arb, ctx, fmpq
 

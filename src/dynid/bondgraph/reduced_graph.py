@@ -141,10 +141,7 @@ class GraphProgram(ABC):
     def on_axis(self, omega: Fraction) -> Self:
         """Return the plan for one frequency: none of its pivots is exactly zero at s = j omega.
 
-        Raises
-        ------
-        Singular
-            Where the equations are singular there.
+        Raises `Singular` where the equations are singular there.
         """
         program = copy(self)
         program._plan(omega)
@@ -215,16 +212,9 @@ class GraphProgram(ABC):
 class ReducedGraph(GraphProgram):
     """One program for all outputs of a graph; outputs share the steps that they have in common.
 
-    Attributes
-    ----------
-    undetermined
-        What the equations leave open although no output depends on it, a sentence each.
-
-    Raises
-    ------
-    Singular
-        Where sources contradict each other, in whatever part of the graph (each is prescribed, one that
-        is zero as well), or the graph leaves an output undetermined: in general or with its numbers.
+    `undetermined`: what the equations leave open although no output depends on it, a sentence each. Raises
+    `Singular` where sources contradict each other, in whatever part of the graph (each is prescribed, one
+    that is zero as well), or the graph leaves an output undetermined: in general or with its numbers.
     """
 
     reductions: dict[Port, Reduction]
@@ -405,10 +395,7 @@ def separate_parts(reduced: ReducedGraph, natural: Mapping[Port, Any]) -> list[A
 def parts_without_output(reduced: ReducedGraph) -> list[Any] | None:
     """Return the polynomials of the natural modes of the parts on which no output depends.
 
-    Returns
-    -------
-    list or None
-        None where a part has no unique solution.
+    None where a part has no unique solution.
     """
     if reduced.free:
         return None

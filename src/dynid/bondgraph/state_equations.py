@@ -37,10 +37,7 @@ def state_equations(reduced: ReducedGraph, states: Sequence[str]) -> _StateEquat
     They hold for all values of the parameters but those that make a divisor vanish; where the graph's own
     values do, or leave other states, they are written for these values.
 
-    Raises
-    ------
-    Singular
-        Where the equations have no unique solution.
+    Raises `Singular` where the equations have no unique solution.
     """
     return _written(reduced, states, None)
 
@@ -50,10 +47,7 @@ def zero_dynamics_equations(
 ) -> _StateEquations:
     """Write the zero dynamics of a channel in the graph's symbols; the output is the input that holds it.
 
-    Raises
-    ------
-    Singular
-        Where the input does not reach the output.
+    Raises `Singular` where the input does not reach the output.
     """
     return _written(reduced, states, (port, source))
 

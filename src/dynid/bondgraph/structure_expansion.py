@@ -152,10 +152,8 @@ def expand_modes(
     Rigid-body modes have no C. With unknown parameters in the structure its modes are not constant: the
     coordinates are then displacements of DOFs, on the fixed basis of the reduction.
 
-    Raises
-    ------
-    UsageError
-        If there is no such DOF, a coordinate has no mass, or modal damping depends on unknown parameters.
+    Raises `UsageError` if there is no such DOF, a coordinate has no mass, or modal damping depends on unknown
+    parameters.
     """
     model = reduction.model
     rows = np.array([model.row(dof) for dof in ports.values()])

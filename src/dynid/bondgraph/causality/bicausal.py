@@ -50,10 +50,7 @@ class ZeroCausality:
 def zero_causality(graph: BondGraph, port: Port, source: str) -> ZeroCausality | None:
     """Assign bicausality from an output to an input, along the line that leaves most states.
 
-    Returns
-    -------
-    ZeroCausality
-        The best of the lines of power; None where none can be made bicausal.
+    The best of the lines of power; None where none can be made bicausal.
     """
     kinds, bonds, detector = _with_detector(graph, port)
     best: ZeroCausality | None = None

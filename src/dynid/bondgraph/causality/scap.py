@@ -132,12 +132,8 @@ class _AssignedStrokes:
 def run_scap(strokes: Strokes, elements: Iterable[str]) -> _AssignedStrokes:
     """Complete strokes by the procedure.
 
-    Parameters
-    ----------
-    strokes
-        What is settled already; completed in place where forcing suffices.
-    elements
-        The one-ports to treat, in the order of preference within their stage.
+    `strokes`: what is settled already; completed in place where forcing suffices. `elements`: the one-ports
+    to treat, in the order of preference within their stage.
     """
     elements = list(elements)
     before = strokes.copy()
@@ -231,11 +227,8 @@ def assign_causality(graph: BondGraph) -> Causality:
     It reads nodes and bonds only, no values, and takes time linear in their number; around loops a step
     may have to be looked ahead.
 
-    Returns
-    -------
-    Causality
-        Strokes, states, dependent storage elements and algebraic loops; conflicts where the graph
-        contradicts itself, with the strokes of the rest.
+    Strokes, states, dependent storage elements and algebraic loops; conflicts where the graph contradicts
+    itself, with the strokes of the rest.
     """
     kinds = {name: node.type for name, node in graph.nodes.items()}
     strokes = Strokes(kinds, [(bond.tail, bond.head) for bond in graph.bonds])

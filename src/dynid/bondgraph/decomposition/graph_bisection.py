@@ -35,11 +35,8 @@ def bond_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> s
 def loop_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> str:
     """Return the fault of a bond that lies on a loop, so that cutting it parts nothing, or an empty text.
 
-    Parameters
-    ----------
-    types, bonds, port
-        As for `bond_fault`; where the graph has other faults, which are reported elsewhere, there is
-        none.
+    `types`, `bonds`, `port`: as for `bond_fault`; where the graph has other faults, which are reported
+    elsewhere, there is none.
     """
     nodes = [
         Node(name, cast("NodeType", kind), Fraction(1) if kind in VALUED else None)
@@ -68,12 +65,9 @@ class BondOnLoop(UsageError):
 class GraphBisection:
     """A port whose bond is cut.
 
-    Raises
-    ------
-    UsageError
-        Where the graph has no such bond, or (`BondOnLoop`) the cut does not part it: power also passes
-        the other way, and neither side has an impedance of its own. (A loop through a junction whose
-        common variable an ideal source fixes is none in this sense: nothing passes such a junction.)
+    Raises `UsageError` where the graph has no such bond, or (`BondOnLoop`) the cut does not part it: power
+    also passes the other way, and neither side has an impedance of its own. (A loop through a junction whose
+    common variable an ideal source fixes is none in this sense: nothing passes such a junction.)
     """
 
     graph: BondGraph
@@ -118,10 +112,7 @@ class GraphBisection:
     def structure(self, probes: Mapping[str, NodeType]) -> JunctionStructure:
         """Return the junction structure of the cut graph.
 
-        Parameters
-        ----------
-        probes
-            The type of the probe at an end; default: one that fixes nothing.
+        `probes`: the type of the probe at an end; default: one that fixes nothing.
         """
         ends = (self.port.tail, self.port.head)
         nodes = list(self.graph.nodes.values())

@@ -147,10 +147,7 @@ def nearest(
 ) -> list[Reached | None]:
     """Return the nearest root of each target, a different one of each; None where there is none.
 
-    Parameters
-    ----------
-    values, slopes
-        Its roots (m), and their derivatives (m x p).
+    `values` and `slopes`: its roots (m), and their derivatives (m x p).
     """
     from scipy.optimize import linear_sum_assignment
 

@@ -150,15 +150,8 @@ class Evaluation:
 class DesignFunctions:
     """The targets of a design as functions of the coordinates of its free parameters.
 
-    Attributes
-    ----------
-    low, high
-        The coordinates between which is searched: equal of a parameter that is held.
-
-    Raises
-    ------
-    Singular
-        Where the equations have no unique solution whatever the parameters are.
+    `low` and `high`: the coordinates between which is searched: equal of a parameter that is held. Raises
+    `Singular` where the equations have no unique solution whatever the parameters are.
     """
 
     def __init__(self, design: Design) -> None:
@@ -178,10 +171,7 @@ class DesignFunctions:
     def matrices(self, eta: Array) -> Matrices:
         """Return the matrices of all channels, with derivatives by the coordinates.
 
-        Raises
-        ------
-        NumericalError
-            Where the equations have no solution, or one whose squares overflow.
+        Raises `NumericalError` where the equations have no solution, or one whose squares overflow.
         """
         values = self.coordinates.values(eta)
         matrices = self._equations.at(dict(zip(self._names, values.tolist(), strict=True)))

@@ -16,12 +16,8 @@ _MAX_INTERIOR_STEPS, _GAP_RTOL = 60, 1e-14
 def quadratic_program(H: Array, c: Array, A: Array, b: Array) -> tuple[Array, Array]:
     """Return the minimum of ``x' H x / 2 + c' x`` where ``A x <= b``, and the multipliers.
 
-    Parameters
-    ----------
-    H, c
-        Positive semidefinite matrix (n x n) and vector (n).
-    A, b
-        Inequalities (m x n, m), which something satisfies and which bound the minimum.
+    `H` and `c`: positive semidefinite matrix (n x n) and vector (n). `A` and `b`: inequalities (m x n, m),
+    which something satisfies and which bound the minimum.
     """
     n, m = len(c), len(b)
     scale = np.linalg.norm(A, axis=1)

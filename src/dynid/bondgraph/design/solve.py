@@ -56,10 +56,8 @@ class Designed:
 def solve(design: Design) -> Designed:
     """Return the design that meets its targets.
 
-    Raises
-    ------
-    Unreachable
-        Where the targets cannot be reached, or a norm is infinite or has no minimum, with the reason.
+    Raises `Unreachable` where the targets cannot be reached, or a norm is infinite or has no minimum, with
+    the reason.
     """
     functions = DesignFunctions(design)
     coordinates = functions.coordinates

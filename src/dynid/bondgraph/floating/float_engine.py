@@ -81,10 +81,7 @@ class FloatEngine:
 class _FloatTransferFunction(TransferProperties):
     """One channel: see `FloatEngine`.
 
-    Raises
-    ------
-    Undecided
-        Where the roots found do not fit what is known of them exactly.
+    Raises `Undecided` where the roots found do not fit what is known of them exactly.
     """
 
     def __init__(self, engine: FloatEngine, channel: Channel) -> None:

@@ -80,10 +80,7 @@ def modular_ratios(
 ) -> dict[int, tuple[RootCounts, RootCounts]]:
     """Return the counts of numerator and denominator, in lowest terms, of these registers.
 
-    Raises
-    ------
-    ZeroDivisionError
-        Where a pivot vanishes with the graph's values.
+    Raises `ZeroDivisionError` where a pivot vanishes with the graph's values.
     """
     registers, point = list(registers), reduced.modulo()
     prime = point.prime
@@ -182,16 +179,9 @@ def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tu
     Roots at the origin become 0; roots that overlap become one root where that is what they are, and keep
     wide errors where they are distinct.
 
-    Parameters
-    ----------
-    strict
-        True: distinct roots that overlap, a side that is open, and repeated roots with a relative error
-        above `_REPEATED_ROOT_RTOL` are undecided as well.
-
-    Raises
-    ------
-    Undecided
-        Where roots are apart that must be one, or the origin cannot be distinguished from its neighbours.
+    `strict`: True: distinct roots that overlap, a side that is open, and repeated roots with a relative error
+    above `_REPEATED_ROOT_RTOL` are undecided as well. Raises `Undecided` where roots are apart that must be
+    one, or the origin cannot be distinguished from its neighbours.
     """
     discs = checked(discs, counts.degree).in_order()
     origin = np.arange(len(discs)) < counts.at_origin

@@ -30,14 +30,9 @@ class _TooFew(ArithmeticError):
 class LaurentSeries:
     """coefficients[0] t^start + coefficients[1] t^(start+1) + …, the first nonzero.
 
-    Parameters
-    ----------
-    start
-        The lowest power; without coefficients all that is known is that no power below occurs.
-    coefficients
-        Numbers that know whether they are zero (`_CertifiedNumber`, or flint `nmod`).
-    terms
-        Most coefficients that are kept.
+    `start`: the lowest power; without coefficients all that is known is that no power below occurs.
+    `coefficients`: numbers that know whether they are zero (`_CertifiedNumber`, or flint `nmod`). `terms`:
+    most coefficients that are kept.
     """
 
     __slots__ = ("coefficients", "start", "terms")
@@ -193,15 +188,7 @@ def limits_at_rest(
 ) -> dict[int, float]:
     """Return the limits of registers as s goes to 0, rounded; infinite at a pole.
 
-    Parameters
-    ----------
-    registers
-        What to evaluate; they may vanish.
-
-    Raises
-    ------
-    NumericalError
-        Where they are not enough.
+    `registers`: what to evaluate; they may vanish. Raises `NumericalError` where they are not enough.
     """
     run = _sharp(planned, registers, 1, _knows_its_limit, precisions)
     limits = {}
@@ -218,12 +205,8 @@ def orders_on_axis(planned: GraphProgram, registers: Iterable[int], omega: Fract
 
     They are expanded modulo a large prime, in which orders are the same but for accidents.
 
-    Parameters
-    ----------
-    registers
-        What to expand; of those that vanish any positive order is returned.
-    omega
-        The frequency, rad/s.
+    `registers`: what to expand; of those that vanish any positive order is returned. `omega`: the frequency,
+    rad/s.
     """
     at = axis_point(planned.exact, omega, planned.field)
     point = _Point(at.residue, at.values, (0, [at.laplace, at.residue(1)]))

@@ -43,17 +43,9 @@ _SINGULAR_SHIFTS = (_UNIT_ROUNDOFF, 2.0**-40, 2.0**-26, 2.0**-18)
 def spectrum(equations: Sequence[LinearForm], *, exact: bool = False) -> RootDiscs:
     """Return the roots of the determinant of equations, with error estimates.
 
-    Parameters
-    ----------
-    equations
-        As many forms that equal zero as there are unknowns, with exact coefficients.
-    exact
-        True: roots of blocks of up to `_MAX_CERTIFIED_STATES` states are certified.
-
-    Raises
-    ------
-    Singular
-        Where the determinant vanishes.
+    `equations`: as many forms that equal zero as there are unknowns, with exact coefficients. `exact`: True:
+    roots of blocks of up to `_MAX_CERTIFIED_STATES` states are certified. Raises `Singular` where the
+    determinant vanishes.
     """
     parts = []
     for block in irreducible_blocks(equations):

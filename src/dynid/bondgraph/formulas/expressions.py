@@ -30,11 +30,8 @@ def print_register(
 
     It is written as the program builds it; where something in that would cancel, as a quotient of products.
 
-    Parameters
-    ----------
-    labels
-        Names of intermediate results, at which to stop (but the register itself is spelled out); none:
-        write everything in terms of the elements.
+    `labels`: names of intermediate results, at which to stop (but the register itself is spelled out); none:
+    write everything in terms of the elements.
     """
     return hand.listed(print_sum(program, [(register, True)], nodes, labels, hand))
 
@@ -48,12 +45,8 @@ def print_sum(
 ) -> list[Printed]:
     """Return the terms of a sum as formulas in lowest terms; where they would cancel, their sum is one term.
 
-    Parameters
-    ----------
-    program, nodes, labels, hand
-        As for `print_register`.
-    terms
-        Registers, and whether each is spelled out although it has a name.
+    `program`, `nodes`, `labels`, `hand`: as for `print_register`. `terms`: registers, and whether
+    each is spelled out although it has a name.
     """
     expressions = []
     for register, spelled in terms:
@@ -180,10 +173,7 @@ def _write(
 def shared(program: Program, registers: Collection[Register], longest: int) -> list[Register]:
     """Return the registers to name: the wanted ones, those used more than once, and long ones.
 
-    Parameters
-    ----------
-    longest
-        Most operations of a formula before a part of it is named.
+    `longest`: most operations of a formula before a part of it is named.
     """
     order = program.behind(registers)
     uses: dict[Register, int] = {}

@@ -100,10 +100,7 @@ class FormulaRing:
     def part(self, expression: RegisterExpression) -> _ReducedQuotient:
         """Return an expression as a quotient.
 
-        Raises
-        ------
-        OverflowError
-            Where it has too many terms, or divides by zero.
+        Raises `OverflowError` where it has too many terms, or divides by zero.
         """
         quotients: dict[Register, _ReducedQuotient] = {}
         cancelled = False

@@ -21,12 +21,8 @@ class FormulaTooLong(ArithmeticError):
 class SymbolicQuotient(FactoredQuotient):
     """A quotient of multivariate integer polynomials (flint `fmpz_mpoly`).
 
-    Parameters
-    ----------
-    factors, sign
-        As for any quotient; all polynomials are of one context.
-    limit
-        Largest number of terms of a polynomial before `FormulaTooLong` is raised.
+    `factors` and `sign`: as for any quotient; all polynomials are of one context. `limit`: largest number of
+    terms of a polynomial before `FormulaTooLong` is raised.
     """
 
     __slots__ = ("limit", "ring")
@@ -89,10 +85,8 @@ def _read(spelled: str) -> str:
 def apply(operation: str, operands: list[SymbolicQuotient]) -> SymbolicQuotient:
     """Apply an arithmetic operation of an expression to formulas.
 
-    Raises
-    ------
-    KeyError
-        Where the result is no rational function (a function, a power that is not a small integer).
+    Raises `KeyError` where the result is no rational function (a function, a power that is not a small
+    integer).
     """
     match operation, operands:
         case "+", [a, b]:

@@ -71,17 +71,9 @@ def formulas(reduced: ReducedGraph) -> dict[Channel, str]:
 def expanded(reduced: ReducedGraph, terms: int) -> dict[Channel, Polynomials]:
     """Return numerator and denominator of every channel as polynomials in s and the parameters.
 
-    Parameters
-    ----------
-    terms
-        Most terms of a polynomial, the intermediate ones included.
-
-    Raises
-    ------
-    NumericalError
-        Where there would be more terms.
-    UsageError
-        Where a value is no rational function of the parameters, or a name is ambiguous.
+    `terms`: most terms of a polynomial, the intermediate ones included. Raises `NumericalError` where there
+    would be more terms. Raises `UsageError` where a value is no rational function of the parameters, or a
+    name is ambiguous.
     """
     from dynid.bondgraph.formulas.symbolic import FormulaTooLong
 
@@ -99,15 +91,8 @@ def expanded(reduced: ReducedGraph, terms: int) -> dict[Channel, Polynomials]:
 def nested(reduced: ReducedGraph, registers: Iterable[Register], hand: FormulaPrinter = TEXT) -> str:
     """Write registers as a program: named assignments, each used below, none expanded.
 
-    Parameters
-    ----------
-    registers
-        What the program ends in; the last assignments are called T, or T1, T2, ….
-
-    Raises
-    ------
-    UsageError
-        Where a name is ambiguous.
+    `registers`: what the program ends in; the last assignments are called T, or T1, T2, …. Raises
+    `UsageError` where a name is ambiguous.
     """
     symbol_names(reduced)
     requested = list(dict.fromkeys(registers))
@@ -210,10 +195,7 @@ def _on_line(restricted: Any, lines: Sequence[Any], prime: int) -> Any:
 def symbol_names(reduced: GraphProgram) -> list[str]:
     """Return the symbols needed.
 
-    Raises
-    ------
-    UsageError
-        Where they are ambiguous.
+    Raises `UsageError` where they are ambiguous.
     """
     nodes = [reduced.graph.nodes[name] for name in reduced.valued]
     parameters = _parameters(reduced)
@@ -247,10 +229,7 @@ def symbol_value(
 ) -> SymbolicQuotient:
     """Return the value of a node as a formula in the symbols.
 
-    Raises
-    ------
-    KeyError
-        Where its expression is no rational function.
+    Raises `KeyError` where its expression is no rational function.
     """
     from dynid.bondgraph.formulas.symbolic import apply
 

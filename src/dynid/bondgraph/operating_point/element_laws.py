@@ -21,15 +21,8 @@ from dynid.bondgraph.graph import BondGraph, Port
 class Gradient:
     """An expression as a function of some of its names, with its slopes.
 
-    Parameters
-    ----------
-    high
-        Whether the numbers are those of flint (`arb`), at the precision of its context; else floats.
-
-    Raises
-    ------
-    ExpressionError
-        If a part that is constant has no value.
+    `high`: whether the numbers are those of flint (`arb`), at the precision of its context; else floats.
+    Raises `ExpressionError` if a part that is constant has no value.
     """
 
     def __init__(
@@ -80,16 +73,9 @@ class Gradient:
     def __call__(self, values: Sequence[Any], side: float = 1.0) -> tuple[Any, list[Any]]:
         """Return the value, and its derivative by every variable.
 
-        Parameters
-        ----------
-        side
-            Sign of the argument of `abs` where it is zero; positive: `min` and `max` take the first one
-            of equal arguments, else the last. Slopes that differ between both sides are those of a kink.
-
-        Raises
-        ------
-        OutOfRangeError
-            If the value or a derivative is not a finite number.
+        `side`: sign of the argument of `abs` where it is zero; positive: `min` and `max` take the first one
+        of equal arguments, else the last. Slopes that differ between both sides are those of a kink. Raises
+        `OutOfRangeError` if the value or a derivative is not a finite number.
         """
         entries = [*(values if self._high else map(float, values)), *self._given]
         try:

@@ -235,10 +235,7 @@ class LawSystem:
     def residual(self, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], csr_array]:
         """Return the residuals, and their derivatives by the columns.
 
-        Raises
-        ------
-        OutOfRangeError
-            Where a law has no finite value or slope.
+        Raises `OutOfRangeError` where a law has no finite value or slope.
         """
         from scipy.sparse import csr_array
 
@@ -297,17 +294,9 @@ def at_rest(
 ) -> LawSystem:
     """Return the equations of an equilibrium.
 
-    Parameters
-    ----------
-    inputs
-        Constant values of sources; others are zero.
-    start
-        Values of states at the start, which determine what is conserved; others are zero.
-
-    Raises
-    ------
-    Singular
-        Where sources change a combination of states at a constant rate.
+    `inputs`: constant values of sources; others are zero. `start`: values of states at the start, which
+    determine what is conserved; others are zero. Raises `Singular` where sources change a combination of
+    states at a constant rate.
     """
     right = {name: inputs.get(name, Fraction(0)) for name in equations.model.graph.nodes}
     linear = [(node, row, right[source] if source else Fraction(0)) for node, row, source in equations.rows]

@@ -73,12 +73,8 @@ class OperatingPoint:
 def find_operating_point(model: LawGraph, request: OperatingPointRequest) -> OperatingPoint:
     """Return the operating point of a graph with laws.
 
-    Raises
-    ------
-    Singular
-        Where there is no equilibrium, or a law needs a variable that the point leaves open.
-    Diverged
-        Where no start leads to an equilibrium.
+    Raises `Singular` where there is no equilibrium, or a law needs a variable that the point leaves open.
+    Raises `Diverged` where no start leads to an equilibrium.
     """
     integrals = [port for port in (*request.values, *request.start, *request.ranges) if port.quantity in "qp"]
     equations = LawEquations(model, integrals)

@@ -60,10 +60,7 @@ class Linearisation:
 def linearised(point: OperatingPoint) -> Linearisation:
     """Return the linearisation of a graph at a point; every slope is rounded once.
 
-    Raises
-    ------
-    Singular
-        Where a law has a kink at the point, or no finite slope.
+    Raises `Singular` where a law has a kink at the point, or no finite slope.
     """
     from flint import ctx
 

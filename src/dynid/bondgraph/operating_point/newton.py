@@ -35,10 +35,7 @@ CONSISTENT = 1e-9
 class Factor:
     """A factorised matrix of corrections.
 
-    Parameters
-    ----------
-    fixed
-        Columns of variables that are not solved for, which are zero.
+    `fixed`: columns of variables that are not solved for, which are zero.
     """
 
     def __init__(self, matrix: csr_array, fixed: Sequence[int] = ()) -> None:

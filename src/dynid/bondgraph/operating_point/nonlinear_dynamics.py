@@ -31,17 +31,8 @@ _ZERO = Fraction(0)
 class LawDynamics:
     """The state equations near a point.
 
-    Parameters
-    ----------
-    z
-        Variables at the point; they set the units of all others.
-    sources
-        The sources, whose values are the input u, in this order.
-
-    Raises
-    ------
-    NumericalError
-        If the equations have no unique solution there.
+    `z`: variables at the point; they set the units of all others. `sources`: the sources, whose values are
+    the input u, in this order. Raises `NumericalError` if the equations have no unique solution there.
     """
 
     def __init__(self, equations: LawEquations, z: Array, sources: tuple[str, ...]) -> None:
@@ -159,10 +150,7 @@ class LawDynamics:
     def unknowns(self, c: Array, x: Array, u: Array) -> Array:
         """Return c for states and inputs, from a guess by Newton's method.
 
-        Raises
-        ------
-        NumericalError
-            If the equations determine it not, or the iteration does not converge.
+        Raises `NumericalError` if the equations determine it not, or the iteration does not converge.
         """
         for _ in range(30):
             h, by_c, by_x = self._storages_and_laws(c, x, u)
@@ -207,10 +195,7 @@ class LawDynamics:
     def state_with(self, out: int, state: int, z: Array, change: float) -> float:
         """Return the state of a storage whose effort or flow differs by an amount from that at the point.
 
-        Raises
-        ------
-        NumericalError
-            If its law has no such value near.
+        Raises `NumericalError` if its law has no such value near.
         """
         z, target = z.copy(), z[out] + change
         row = next(k for k, pair in enumerate(self._storage_rows) if pair == (out, state))

@@ -144,10 +144,7 @@ ResidueArray = NDArray[np.int64]
 class SampledResidues:
     """One residue for every sample.
 
-    Parameters
-    ----------
-    vanished
-        Samples in which something was divided by zero; shared by all numbers of a run, and added to.
+    `vanished`: samples in which something was divided by zero; shared by all numbers of a run, and added to.
     """
 
     __slots__ = ("images", "vanished")
@@ -205,10 +202,7 @@ class PolynomialFactor:
 class FactoredQuotient(ABC):
     """A product of powers of polynomials, not necessarily in lowest terms.
 
-    Parameters
-    ----------
-    factors
-        Exponent by factor, negative below the fraction bar; empty for 1, and None for 0.
+    `factors`: exponent by factor, negative below the fraction bar; empty for 1, and None for 0.
     """
 
     __slots__ = ("factors", "sign")
@@ -333,10 +327,7 @@ class RationalFunction(FactoredQuotient):
     Common factors are looked for only where a degree exceeds what the storage elements behind the value can
     explain.
 
-    Parameters
-    ----------
-    storages
-        Bit mask of the storage elements behind the value.
+    `storages`: bit mask of the storage elements behind the value.
     """
 
     __slots__ = ("storages",)

@@ -75,10 +75,7 @@ def sweep_frequencies(
     Memory is that of the registers alive at a time, for one block of frequencies a thread; the blocks are
     independent, so that the result does not depend on their number or on the threads.
 
-    Returns
-    -------
-    values, bounds
-        Both of shape (omega, register).
+    Both are of shape (omega, register).
     """
     omega = np.asarray(omega, dtype=float)
     values = np.empty((len(omega), len(registers)), dtype=np.complex128)

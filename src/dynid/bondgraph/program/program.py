@@ -70,12 +70,9 @@ class ModularPoint:
 class Program:
     """A growing list of operations; equal operations share a register, and so does what is always equal.
 
-    Parameters
-    ----------
-    point
-        A point modulo a large prime at which every register is evaluated as it is written. One that is
-        identically zero vanishes at a random point; one that is not does so with a probability of about
-        its degree over the prime. So "identically zero" is known without numbers.
+    `point`: a point modulo a large prime at which every register is evaluated as it is written. One that is
+    identically zero vanishes at a random point; one that is not does so with a probability of about its
+    degree over the prime. So "identically zero" is known without numbers.
     """
 
     def __init__(self, point: ModularPoint) -> None:
@@ -229,10 +226,7 @@ class Program:
     def arrays(self) -> tuple[Any, Any, Any, Sequence[str]]:
         """Return operations and operands as arrays; the first of a parameter is its place in the names.
 
-        Returns
-        -------
-        codes, first, second, names
-            Arrays of integers of shape (register,), and names of nodes.
+        Codes, first and second operands are arrays of integers of shape (register,), and names of nodes.
         """
         import numpy as np
 
@@ -327,17 +321,9 @@ class Tape:
     def run(self, values: Mapping[str, N], laplace: N, unity: N) -> list[N]:
         """Return the registers.
 
-        Parameters
-        ----------
-        values
-            Node values by name, as numbers of the type to compute in.
-        laplace, unity
-            The variable s and the number 1 of that type; s may be an array.
-
-        Raises
-        ------
-        ZeroDivisionError
-            Where exact numbers meet a zero pivot; arrays follow NumPy's rules instead.
+        `values`: node values by name, as numbers of the type to compute in. `laplace` and `unity`: the
+        variable s and the number 1 of that type; s may be an array. Raises `ZeroDivisionError` where exact
+        numbers meet a zero pivot; arrays follow NumPy's rules instead.
         """
         memory: list[Any] = [None] * self._size
         for op, slot, a, b in self._steps:
@@ -366,15 +352,8 @@ def gradient(
 ) -> tuple[N, dict[str, N]]:
     """Return the value of a register and its partial derivatives.
 
-    Returns
-    -------
-    tuple
-        The value, and the derivative by every parameter that it depends on.
-
-    Raises
-    ------
-    ZeroDivisionError
-        Where exact numbers meet a zero pivot.
+    Returns the value, and the derivative by every parameter that it depends on. Raises `ZeroDivisionError`
+    where exact numbers meet a zero pivot.
     """
     needed = program.behind([register])
     run = program.run(needed, values, laplace, unity)

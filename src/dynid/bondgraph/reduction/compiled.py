@@ -66,10 +66,7 @@ def _modulo(integers: list[int], prime: int) -> Integers:
 class CompiledProgram(Program):
     """A program in the library.
 
-    Parameters
-    ----------
-    handle
-        The library's plan, with an empty program.
+    `handle`: the library's plan, with an empty program.
     """
 
     def __init__(

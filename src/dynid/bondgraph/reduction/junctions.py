@@ -64,16 +64,8 @@ class Coupling(NamedTuple):
 class JunctionStructure:
     """Junctions, the couplings that tie them, and the place of every one-port.
 
-    Attributes
-    ----------
-    rings
-        Bonds that close a ring of like junctions: the variable that these do not share is undetermined in
-        the ring, and nothing depends on it.
-
-    Raises
-    ------
-    Singular
-        Where two sources fix the same junction.
+    `rings`: bonds that close a ring of like junctions: the variable that these do not share is undetermined
+    in the ring, and nothing depends on it. Raises `Singular` where two sources fix the same junction.
     """
 
     def __init__(self, graph: BondGraph) -> None:

@@ -44,15 +44,9 @@ BOND = Tie(None, False)
 class NodeRow:
     """The balance of a junction, as far as it is reduced.
 
-    Attributes
-    ----------
-    terms
-        The immittances on it, which add up to its entry on the diagonal.
-    entries
-        Its entries off the diagonal, by the row of the other junction; that one has an entry for this
-        one.
-    sources
-        What each input feeds into it: its right-hand side.
+    `terms`: the immittances on it, which add up to its entry on the diagonal. `entries`: its entries off the
+    diagonal, by the row of the other junction; that one has an entry for this one. `sources`: what each input
+    feeds into it: its right-hand side.
     """
 
     __slots__ = ("depth", "entries", "fixing", "gone", "kind", "name", "rank", "round", "sources", "terms")
@@ -236,10 +230,7 @@ class NodalNetwork:
 def reach(structure: JunctionStructure, root: str, without: str | None = None) -> dict[str, int]:
     """Return the junctions that influence the root, with their distance; fixed ones separate.
 
-    Parameters
-    ----------
-    without
-        A junction through which nothing is looked for.
+    `without`: a junction through which nothing is looked for.
     """
     depth, queue = {root: 0}, [root]
     for name in queue:
@@ -282,10 +273,7 @@ def port_form(net: NodalNetwork, port: Port, total: Register) -> PortForm:
     The displacement of a C and the momentum of an I are its state, q = C e and p = I f; any other
     displacement or momentum is the integral of flow or effort.
 
-    Parameters
-    ----------
-    total
-        What stands on the root: Z_A + Z_B on a 1-junction, Y_A + Y_B on a 0-junction.
+    `total`: what stands on the root: Z_A + Z_B on a 1-junction, Y_A + Y_B on a 0-junction.
     """
     program, graph = net.program, net.graph
     form = _effort_or_flow(net, port.node, graph.behind(port).quantity, total)
@@ -316,12 +304,8 @@ def _effort_or_flow(net: NodalNetwork, name: str, quantity: str, total: Register
 def channel(net: NodalNetwork, form: PortForm, source: str, common: Register) -> Register:
     """Write the transfer function from a source to an output.
 
-    Parameters
-    ----------
-    form
-        The output in terms of the root's common variable.
-    common
-        The transfer function from the source to the common variable.
+    `form`: the output in terms of the root's common variable. `common`: the transfer function from the source
+    to the common variable.
     """
     program = net.program
     drive = net.root.sources.get(source, program.zero)

@@ -282,19 +282,10 @@ def reduce_graph(
 ) -> Reduction:
     """Reduce a graph to a prototype at the junction that carries an output.
 
-    Parameters
-    ----------
-    program
-        Where the arithmetic is written; several reductions may share one.
-    balanced
-        Whether loops are opened everywhere at once rather than from the far end on (`Reducer`).
-    names, suffix
-        The names that are taken, and what stands behind those of the systems (`TraceRecorder`).
-
-    Raises
-    ------
-    Singular
-        Where the equations have no solution or more than one; it names the junctions and sources.
+    `program`: where the arithmetic is written; several reductions may share one. `balanced`: whether loops
+    are opened everywhere at once rather than from the far end on (`Reducer`). `names` and `suffix`: the names
+    that are taken, and what stands behind those of the systems (`TraceRecorder`). Raises `Singular` where the
+    equations have no solution or more than one; it names the junctions and sources.
     """
     network = NodalNetwork(structure, program, reach(structure, structure.place[port.node]), inputs)
     trace = TraceRecorder(network, names=names, suffix=suffix) if traced else NoTrace()
@@ -304,18 +295,10 @@ def reduce_graph(
 class Reducer:
     """Eliminates every junction but the root, and reads the prototype off what is left.
 
-    Parameters
-    ----------
-    balanced
-        Whether loops are opened in rounds, of junctions that do not touch each other (cyclic reduction):
-        results then depend on one another over as many steps as the logarithm of the graph's length,
-        where one end after the other takes as many as the length, and error bounds grow with each. It
-        takes up to twice the steps.
-
-    Attributes
-    ----------
-    work
-        The elimination, with the pivots so far.
+    `balanced`: whether loops are opened in rounds, of junctions that do not touch each other (cyclic
+    reduction): results then depend on one another over as many steps as the logarithm of the graph's length,
+    where one end after the other takes as many as the length, and error bounds grow with each. It takes up to
+    twice the steps. `work`: the elimination, with the pivots so far.
     """
 
     def __init__(self, network: NodalNetwork, trace: NoTrace, *, balanced: bool) -> None:
@@ -384,10 +367,7 @@ def reduction_at_root(
 ) -> Reduction:
     """Return the reduction of a network of which the root is left.
 
-    Raises
-    ------
-    Singular
-        Where the root's balance leaves its common variable open.
+    Raises `Singular` where the root's balance leaves its common variable open.
     """
     program, root = net.program, net.root
     # the prototype, and the eliminated junctions behind A and B, before the trace adds their terms up

@@ -33,10 +33,7 @@ _MAX_QUOTED_NODES = 8
 def no_solution(structure: JunctionStructure, junctions: Sequence[str], sources: Sequence[str]) -> Singular:
     """Return the error for sources that contradict each other, or a balance that one of them cannot meet.
 
-    Parameters
-    ----------
-    junctions
-        The junctions whose balances together leave a condition on the sources alone.
+    `junctions`: the junctions whose balances together leave a condition on the sources alone.
     """
     members = _user_names(structure, junctions)
     verb = "contradict each other" if len(sources) > 1 else "meets a balance without a solution"
@@ -135,15 +132,8 @@ def _modular_nodal_form(
 def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None = None) -> list[_Undetermined]:
     """Return the variables that some equations leave open; none where the solution is unique.
 
-    Parameters
-    ----------
-    junctions
-        Junctions that no others influence but through fixed ones; default: all.
-
-    Raises
-    ------
-    Singular
-        Where sources contradict each other: for some values of them there is no solution.
+    `junctions`: junctions that no others influence but through fixed ones; default: all. Raises `Singular`
+    where sources contradict each other: for some values of them there is no solution.
     """
     candidates = structure.junctions if junctions is None else junctions
     names = [name for name in candidates if structure.junctions[name].fixing is None]
@@ -180,15 +170,8 @@ def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None =
 def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[_Undetermined]:
     """Fix undetermined variables at zero that no output depends on: the rest has a unique solution.
 
-    Parameters
-    ----------
-    structure
-        The junction structure; junctions that are undetermined become fixed ones.
-
-    Raises
-    ------
-    Singular
-        Where sources contradict each other, or an output depends on what is undetermined.
+    `structure`: the junction structure; junctions that are undetermined become fixed ones. Raises `Singular`
+    where sources contradict each other, or an output depends on what is undetermined.
     """
     parts = undetermined(structure)
     for port in outputs:
@@ -242,10 +225,7 @@ def _product(row: Mapping[str, int], vector: Mapping[str, int], prime: int) -> i
 class _SparseElimination:
     """Sparse elimination modulo a prime: the shortest row first, by its column with the fewest rows.
 
-    Attributes
-    ----------
-    free
-        Columns without a pivot: as many as the rank is short of the size.
+    `free`: columns without a pivot: as many as the rank is short of the size.
     """
 
     def __init__(self, rows: Mapping[str, Sparse], prime: int) -> None:

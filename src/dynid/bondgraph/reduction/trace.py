@@ -57,12 +57,8 @@ class NoTrace:
 
     Every step is recorded before the network changes; `done` is called after it.
 
-    Attributes
-    ----------
-    labels
-        Names of registers in the equations of the steps.
-    suffix
-        What stands behind the names of the prototype's systems.
+    `labels`: names of registers in the equations of the steps. `suffix`: what stands behind the names of the
+    prototype's systems.
     """
 
     suffix = ""

@@ -92,10 +92,7 @@ _GAINS = frozenset({"dc_gain", "high_frequency_gain"})
 def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Add the requested results of every channel, from the requested engine or the one that fits the size.
 
-    Raises
-    ------
-    Undecided
-        Where the floating-point engine was asked for and cannot decide.
+    Raises `Undecided` where the floating-point engine was asked for and cannot decide.
     """
     choice = choose_engine(reduced, analysis)
     try:
@@ -263,12 +260,8 @@ def add_roots(
 ) -> None:
     """Add roots, each as often as its multiplicity says, with certified error bounds or with estimates.
 
-    Parameters
-    ----------
-    result, group, name
-        Where to add them: the plural, `zeros` has the axis `zero`.
-    estimated
-        Whether their errors are estimates, of roots that have residuals, too.
+    `name`: the plural, `zeros` has the axis `zero`. `estimated`:
+    whether their errors are estimates, of roots that have residuals, too.
     """
     axis = name[:-1]
     values = each(roots, "value", np.complex128)

@@ -24,10 +24,7 @@ _RESPONSE_POINTS, _RANGE_FACTOR = 400, 10.0
 def add_design(result: Result, designed: Designed, omega: Array | None) -> None:
     """Add the results of a design.
 
-    Parameters
-    ----------
-    omega
-        Frequencies of the responses before and after, rad/s; None: around the poles.
+    `omega`: frequencies of the responses before and after, rad/s; None: around the poles.
     """
     functions = designed.functions
     design, coordinates = functions.design, functions.coordinates

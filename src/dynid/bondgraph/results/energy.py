@@ -199,18 +199,9 @@ _NEGATIVE = "undefined: shares of energy are not defined for elements of negativ
 def add_energy(result: Result, graph: BondGraph, analysis: Analysis) -> None:
     """Add the shares of energy and dissipation of every mode, and energy and power at every frequency.
 
-    Parameters
-    ----------
-    graph
-        The graph. Its pseudo bonds (thermal) have shares as well, of e f instead of power.
-    analysis
-        What is asked: the inputs, of amplitude 1 each alone, and the angular frequencies; without these
-        the modes alone.
-
-    Raises
-    ------
-    Singular
-        Where the graph leaves a variable of an element undetermined.
+    `graph`: the graph. Its pseudo bonds (thermal) have shares as well, of e f instead of power. `analysis`:
+    what is asked: the inputs, of amplitude 1 each alone, and the angular frequencies; without these the modes
+    alone. Raises `Singular` where the graph leaves a variable of an element undetermined.
     """
     elements, inputs, omega = _EnergyElements(graph), analysis.inputs, analysis.omega
     reduced = ReducedGraph(graph, inputs, elements.ports, traced=False)
@@ -260,10 +251,7 @@ def add_source_performance(result: Result, graph: BondGraph, inputs: tuple[str, 
     reactive power ½ Im(e f*). Where there is no gyrator between, reactive power is 2ω times the energy of
     I less that of C; a gyrator turns its sign.
 
-    Parameters
-    ----------
-    inputs
-        The inputs. Setpoints of controllers are signals, and left out.
+    `inputs`: the inputs. Setpoints of controllers are signals, and left out.
     """
     result.add_axis(f"{_SOURCES}/omega", omega, "rad/s")
     for name in inputs:

@@ -57,10 +57,7 @@ _MAX_LISTED_POLES, _STARTS_ORDER = 20, 12
 def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None) -> None:
     """Add margins, sensitivity functions and root locus of every loop, and the poles of loops with delays.
 
-    Parameters
-    ----------
-    omega
-        Frequencies of the sensitivity functions, rad/s; default: around the crossings.
+    `omega`: frequencies of the sensitivity functions, rad/s; default: around the crossings.
     """
     names = [f"{loop.measured} -> {loop.source}" for loop in cut.loops]
     functions = [cut.loop(index) for index in range(len(names))]

@@ -31,10 +31,8 @@ _GROUP = "bond_graph/port"
 def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float | Fraction]) -> None:
     """Add the decomposition at a port.
 
-    Parameters
-    ----------
-    initial
-        The flow of an I or the effort of a C at t = 0, by name: what its equivalent source is scaled by.
+    `initial`: the flow of an I or the effort of a C at t = 0, by name: what its equivalent source is scaled
+    by.
     """
     prototype = parts.prototype
     result.annotate(_GROUP, bond=str(parts.port), junction=parts.meeting)

@@ -128,14 +128,8 @@ def add_time_response(
     response to the signals from rest, `zero_input` that to what is stored. Responses to single sources that
     are apart are along a third axis, `source`.
 
-    Parameters
-    ----------
-    signals
-        Pairs of an input and what drives it.
-    initial
-        The flow of an I or the effort of a C at t = 0, by name.
-    apart
-        True: each input has one signal, nothing is stored, and the responses are not added.
+    `signals`: pairs of an input and what drives it. `initial`: the flow of an I or the effort of a C at t =
+    0, by name. `apart`: True: each input has one signal, nothing is stored, and the responses are not added.
     """
     from dynid.bondgraph.graph_state_space import rational_matrices, state_space
     from dynid.lti.floating import guarded
@@ -229,10 +223,7 @@ def add_zero_input(result: Result, reduced: ReducedGraph, initial: Mapping[str, 
 
     Common factors stay: a numerator that shares a root with the natural modes does not excite that mode.
 
-    Parameters
-    ----------
-    initial
-        The flow of an I or the effort of a C at t = 0, by name.
+    `initial`: the flow of an I or the effort of a C at t = 0, by name.
     """
     for port, output in zero_input_outputs(reduced, initial).items():
         add_ratio(result, f"bond_graph/zero_input/{port}", output)

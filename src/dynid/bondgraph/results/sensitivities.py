@@ -101,17 +101,8 @@ def sensitivity(
 ) -> Sensitivity:
     """Return the derivatives of one channel's zeros, poles and gains by parameters.
 
-    Parameters
-    ----------
-    hidden
-        Natural modes that it does not show: its derivatives may be singular there.
-    parameters
-        What to differentiate by.
-
-    Raises
-    ------
-    NumericalError
-        Where roots lie too close together for the precision at hand.
+    `hidden`: natural modes that it does not show: its derivatives may be singular there. `parameters`: what
+    to differentiate by. Raises `NumericalError` where roots lie too close together for the precision at hand.
     """
     others = np.array([*(root.value for root in (*zeros, *poles)), *hidden, 0], dtype=complex)
     around = {}
@@ -264,10 +255,7 @@ def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis)
     Beside each derivative stands the one by the parameter's logarithm (`…_relative`): what moves per
     relative change, so that parameters of different units can be compared.
 
-    Raises
-    ------
-    UsageError
-        Where the graph is so large that they would take very long, and nobody insists on it.
+    Raises `UsageError` where the graph is so large that they would take very long, and nobody insists on it.
     """
     size = modelled_storages(reduced)
     if size > _MAX_SENSITIVITY_STORAGES and analysis.engine != "exact":

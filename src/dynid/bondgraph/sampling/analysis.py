@@ -118,15 +118,8 @@ def shared(paths: Collection[str], analysis: Analysis) -> bool:
 class SampledAnalysis:
     """An analysis of many samples.
 
-    Parameters
-    ----------
-    wanted
-        The arrays to compute, by path; all of them `shared`.
-
-    Raises
-    ------
-    Singular
-        Where the equations have no unique solution whatever the values.
+    `wanted`: the arrays to compute, by path; all of them `shared`. Raises `Singular` where the equations have
+    no unique solution whatever the values.
     """
 
     def __init__(
@@ -165,10 +158,7 @@ class SampledAnalysis:
     ) -> list[Mapping[str, Variable] | None]:
         """Return the wanted arrays of every sample; None for one that is to be run alone.
 
-        Parameters
-        ----------
-        initial
-            Stored energy of every sample at t = 0; default: as the analysis says.
+        `initial`: stored energy of every sample at t = 0; default: as the analysis says.
         """
         with no_collection():
             kept = [] if self._apart else np.flatnonzero(self._reduced.holds(values, count)).tolist()

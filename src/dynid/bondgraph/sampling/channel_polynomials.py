@@ -87,12 +87,8 @@ class PowerTables:
     A value n/d that occurs up to the power D enters as n^e d^(D - e): the same positive or negative factor
     multiplies every polynomial.
 
-    Parameters
-    ----------
-    values
-        For every variable but s the values of the samples.
-    polynomials
-        What will be evaluated (flint `fmpz_mpoly`).
+    `values`: for every variable but s the values of the samples. `polynomials`: what will be evaluated (flint
+    `fmpz_mpoly`).
     """
 
     def __init__(

@@ -91,10 +91,7 @@ class SampledEngine:
     something of that fails (a leading coefficient that vanishes, roots that meet or cancel, one that is on
     the axis by chance) is not `certain`: it is to be run alone.
 
-    Attributes
-    ----------
-    certain
-        Samples that the engine answers for.
+    `certain`: samples that the engine answers for.
     """
 
     def __init__(

@@ -130,19 +130,9 @@ def kind_of(numerator: Any, denominator: Any) -> str:
 def realise(request: Driving, form: Form, domain: str = "") -> Realisation:
     """Return the bond graph of a form, analysed back.
 
-    Parameters
-    ----------
-    request
-        A positive real function that is not zero.
-    domain
-        The physical domain of the elements; default: none.
-
-    Raises
-    ------
-    NoSuchForm
-        Where the function has no such form.
-    NumericalError
-        Where no precision gives the wanted coefficients.
+    `request`: a positive real function that is not zero. `domain`: the physical domain of the elements;
+    default: none. Raises `NoSuchForm` where the function has no such form. Raises `NumericalError` where no
+    precision gives the wanted coefficients.
     """
     source: Literal["Se", "Sf"] = "Se" if request.admittance else "Sf"
     for bits, digits in _EXACT_PRECISIONS if form in _CAUER else _SYNTHESIS_PRECISIONS:
@@ -201,19 +191,9 @@ def realisations(
 ) -> tuple[list[Realisation], dict[Form, str]]:
     """Return the realisations of a function, and the reasons why it has no others.
 
-    Parameters
-    ----------
-    request
-        A positive real function that is not zero.
-    forms
-        The forms, all of which must exist; default: all that do.
-    domain
-        The physical domain of the elements; default: none.
-
-    Raises
-    ------
-    NoSuchForm
-        Where a named form does not exist.
+    `request`: a positive real function that is not zero. `forms`: the forms, all of which must exist;
+    default: all that do. `domain`: the physical domain of the elements; default: none. Raises `NoSuchForm`
+    where a named form does not exist.
     """
     realised, missing = [], dict[Form, str]()
     for form in tracked(FORMS if forms is None else forms, "form"):

@@ -102,12 +102,8 @@ def bond_graph(port: OnePort, driven_by: Literal["Se", "Sf"] = "Sf", domain: str
 
     Elements and junctions are numbered by type from the source on: I1, I2, C1, …, `series1`, `parallel1`.
 
-    Parameters
-    ----------
-    driven_by
-        The type of the source: Sf, whose effort over flow is the impedance; Se, for the admittance.
-    domain
-        The physical domain of source and elements; default: none.
+    `driven_by`: the type of the source: Sf, whose effort over flow is the impedance; Se, for the admittance.
+    `domain`: the physical domain of source and elements; default: none.
     """
     return _ElementGraph(driven_by, domain).drawn(port)
 

@@ -63,15 +63,8 @@ class NoSuchForm(NumericalError):
 def cauer(numerator: Any, denominator: Any) -> OnePort:
     """Return the ladder of the continued fraction of Z = N/D about infinity, exactly.
 
-    Parameters
-    ----------
-    numerator, denominator
-        Polynomials in lowest terms (flint `fmpq_poly`) of a positive real function that is not zero.
-
-    Raises
-    ------
-    NoSuchForm
-        Where the expansion would need a negative element.
+    `numerator` and `denominator`: polynomials in lowest terms (flint `fmpq_poly`) of a positive real function
+    that is not zero. Raises `NoSuchForm` where the expansion would need a negative element.
     """
     removed: list[list[Element]] = []  # from Z, from Y, from Z, …
     while True:
@@ -93,10 +86,7 @@ def cauer(numerator: Any, denominator: Any) -> OnePort:
 def second_cauer(numerator: Any, denominator: Any) -> OnePort:
     """Return the ladder of the continued fraction of Z = N/D about 0, exactly.
 
-    Raises
-    ------
-    NoSuchForm
-        Where the expansion would need a negative element.
+    Raises `NoSuchForm` where the expansion would need a negative element.
     """
     from flint import fmpq_poly
 
@@ -200,17 +190,9 @@ def rounded(number: Fraction, bits: int) -> Fraction:
 def foster(numerator: Any, denominator: Any, bits: int, name: str = "Z") -> OnePort:
     """Return the partial fractions of Z = N/D as one-ports in series.
 
-    Parameters
-    ----------
-    numerator, denominator
-        Polynomials in lowest terms (flint `fmpq_poly`) of a positive real function that is not zero.
-    bits
-        The precision of irrational values; rational ones are exact.
-
-    Raises
-    ------
-    NoSuchForm
-        Where a pole off the imaginary axis is complex or multiple, or the constant would be negative.
+    `numerator` and `denominator`: polynomials in lowest terms (flint `fmpq_poly`) of a positive real function
+    that is not zero. `bits`: the precision of irrational values; rational ones are exact. Raises `NoSuchForm`
+    where a pole off the imaginary axis is complex or multiple, or the constant would be negative.
     """
     parts, above, below = _without_axis_poles(numerator, denominator, bits)
     _refuse_poles(below, name)
@@ -264,14 +246,9 @@ class _Lowest(NamedTuple):
 def brune(numerator: Any, denominator: Any, bits: int, *, exact: bool = True) -> OnePort:
     """Return Brune's realisation of Z = N/D.
 
-    Parameters
-    ----------
-    numerator, denominator
-        Polynomials in lowest terms (flint `fmpq_poly`) of a positive real function that is not zero.
-    bits
-        The precision of irrational values.
-    exact
-        False of coefficients that were rounded: zeros and poles within 2^(-bits/4) of the axis are on it.
+    `numerator` and `denominator`: polynomials in lowest terms (flint `fmpq_poly`) of a positive real function
+    that is not zero. `bits`: the precision of irrational values. `exact`: False of coefficients that were
+    rounded: zeros and poles within 2^(-bits/4) of the axis are on it.
     """
     if numerator.degree() == denominator.degree() == 0:
         return Element("R", fraction(numerator[0] / denominator[0]))
