@@ -72,12 +72,7 @@ def free_labels(nodes: int, directions: Sequence[str], fixed: Iterable[tuple[str
 class Assembly:
     """Sums of blocks over labelled DOFs; DOFs that are not among the labels are held and left out.
 
-    Parameters
-    ----------
-    dofs
-        Labels of the DOFs (n).
-    sparse
-        True for sparse sums; default: where there are many DOFs.
+    `dofs`: labels of the DOFs (n); `sparse`: True for sparse sums; default: where there are many DOFs.
     """
 
     def __init__(self, dofs: Sequence[Label], *, sparse: bool | None = None) -> None:
@@ -207,10 +202,7 @@ class _AtNode(Protocol):
 def check_nodes(what: str, items: Iterable[_AtNode], nodes: int, directions: Sequence[str]) -> None:
     """Refuse items at nodes or along directions that do not exist.
 
-    Raises
-    ------
-    UsageError
-        Naming the first.
+    Raises UsageError naming the first.
     """
     for item in items:
         if not 1 <= item.node <= nodes:
@@ -226,10 +218,8 @@ def per_element(
 ) -> Sequence[Real]:
     """Return a property of each element (count), from one number for all or a list.
 
-    Raises
-    ------
-    UsageError
-        If the list has another length, or a value is not positive (or with `zero`, is negative).
+    Raises UsageError if the list has another length, or a value is not positive (or with `zero`, is
+    negative).
     """
     numbers = list(quantity) if isinstance(quantity, Sequence | np.ndarray) else [quantity]
     if isinstance(quantity, Sequence | np.ndarray) and len(numbers) != count:
@@ -244,10 +234,7 @@ def per_element(
 def not_negative(what: str, value: Real) -> None:
     """Refuse a value that is negative or not finite.
 
-    Raises
-    ------
-    UsageError
-        Naming it.
+    Raises UsageError naming it.
     """
     number = float(value)
     if not (math.isfinite(number) and number >= 0):

@@ -35,14 +35,8 @@ _ROUNDING = 2 * float(np.finfo(float).eps)
 class Factorisation(ABC):
     """A symmetric matrix with its factors, whose solutions are checked.
 
-    Parameters
-    ----------
-    matrix
-        The matrix (n x n, csc, indices ascending).
-    definite
-        True of a positive definite matrix.
-    order
-        A good order of elimination (n), which a backend may ignore.
+    `matrix`: the matrix (n x n, csc, indices ascending); `definite`: True of a positive definite matrix;
+    `order`: a good order of elimination (n), which a backend may ignore.
     """
 
     name: str
@@ -103,15 +97,8 @@ class Factorisation(ABC):
     def solve(self, b: Array) -> Array:
         """Solve A x = b; the backward error is checked, and one step of refinement taken where it helps.
 
-        Parameters
-        ----------
-        b
-            One right-hand side (n) or several (n x columns).
-
-        Raises
-        ------
-        NumericalError
-            If the solution is wrong even then.
+        `b`: one right-hand side (n) or several (n x columns). Raises NumericalError if the solution is wrong
+        even then.
         """
         return self._improved(self._finite_solution(b), b)
 

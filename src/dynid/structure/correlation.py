@@ -27,10 +27,7 @@ _ELASTIC, _NEVER = 1e-3, 1e3
 def frequency_error(frequencies: Array, reference: Array) -> Array:
     """Return ``frequencies / reference - 1``; of rigid-body modes over the lowest elastic frequency.
 
-    Parameters
-    ----------
-    frequencies, reference
-        Natural frequencies (r), rad/s.
+    `frequencies`, `reference`: natural frequencies (r), rad/s.
     """
     elastic = reference[reference > 0]
     size = np.where(reference > 0, reference, elastic.min() if len(elastic) else 1.0)
@@ -40,10 +37,7 @@ def frequency_error(frequencies: Array, reference: Array) -> Array:
 def mac(a: NDArray[np.inexact], b: NDArray[np.inexact]) -> Array:
     """Return the modal assurance criterion ``|a^H b|^2 / (a^H a) (b^H b)`` of all pairs (columns of a x b).
 
-    Parameters
-    ----------
-    a, b
-        Mode shapes (n x r, n x s); a shape that is zero agrees with none.
+    `a`, `b`: mode shapes (n x r, n x s); a shape that is zero agrees with none.
     """
     size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
     cosine = np.abs(a.conj().T @ b) / np.where(size > 0, size, 1.0)
@@ -56,10 +50,7 @@ def complexity(shapes: NDArray[np.inexact]) -> Array:
     0 for a shape of one phase, as of a normal mode; at most 0.71. The phase is that of the sum of squares,
     which makes the real part largest.
 
-    Parameters
-    ----------
-    shapes
-        Mode shapes (n x r); NaN where a component is missing.
+    `shapes`: mode shapes (n x r); NaN where a component is missing.
     """
     filled = np.nan_to_num(shapes)
     turned = filled * np.exp(-0.5j * np.angle(np.sum(filled**2, axis=0)))
@@ -73,10 +64,7 @@ def frac(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Array:
     ``|sum a conj(b)|^2 / (sum |a|^2 sum |b|^2)`` over the frequencies; two responses of zero agree. Where
     either is infinite, at an undamped pole, it is left out.
 
-    Parameters
-    ----------
-    a, b
-        Responses (omega x …), of one shape.
+    `a`, `b`: responses (omega x …), of one shape.
     """
     finite = np.isfinite(a) & np.isfinite(b)
     a, b = (np.where(finite, values, 0.0) for values in (a, b))
@@ -97,16 +85,9 @@ def orthogonality(a: Array, M: Matrix, b: Array) -> Array:
 def counterparts(shapes: Array, places: NDArray[np.int64], full: Array, omega: Array, M: Matrix) -> Array:
     """Return the full modes that correspond to reduced ones; of a multiple frequency they are rotated.
 
-    Parameters
-    ----------
-    shapes
-        Shapes of the reduced model at all DOFs (n x r).
-    places
-        Indices of the full modes they stand for (r), ascending.
-    full, omega
-        Shapes (n x s) and frequencies (s) of the full model, normed to unit modal mass.
-    M
-        Mass (n x n).
+    `shapes`: shapes of the reduced model at all DOFs (n x r); `places`: indices of the full modes they stand
+    for (r), ascending; `full`, `omega`: shapes (n x s) and frequencies (s) of the full model, normed to unit
+    modal mass; `M`: mass (n x n).
 
     Returns
     -------
@@ -136,16 +117,9 @@ def energy_shares(
 
     The energy of the DOFs i of a substructure is ``sum x_i (K x)_i``, so that all of them add up.
 
-    Parameters
-    ----------
-    model
-        The full structure.
-    shapes, omega
-        Shapes at all DOFs (n x r), normed to unit modal mass, and their frequencies (r), rad/s.
-    values
-        Unknown joint parameters by name.
-    parts
-        Substructures: name and DOFs; default: all is the one ``structure``. The remaining DOFs are ``rest``.
+    `shapes`, `omega`: shapes at all DOFs (n x r), normed to unit modal mass, and their frequencies (r),
+    rad/s; `values`: unknown joint parameters by name; `parts`: substructures: name and DOFs; default: all is
+    the one ``structure``. The remaining DOFs are ``rest``.
 
     Returns
     -------
@@ -181,12 +155,8 @@ def paired(table: Array, measured: Array, omega: Array) -> NDArray[np.int_]:
 
     The sum over pairs of ``1 - MAC + ln^2(omega ratio)`` is least.
 
-    Parameters
-    ----------
-    table
-        MAC of measured and computed shapes (r x m); rows of zeros where no shape is known.
-    measured, omega
-        Natural frequencies, measured (r) and computed (m), m >= r.
+    `table`: MAC of measured and computed shapes (r x m); rows of zeros where no shape is known; `measured`,
+    `omega`: natural frequencies, measured (r) and computed (m), m >= r.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import min_weight_full_bipartite_matching
@@ -203,10 +173,7 @@ def comac(a: NDArray[np.inexact], b: NDArray[np.inexact]) -> Array:
     Source: N. A. J. Lieven, D. J. Ewins, *Proc. IMAC VI* 1988, 690–695. It depends on the scales of the
     shapes, which must be those that make pairs agree.
 
-    Parameters
-    ----------
-    a, b
-        Paired shapes (s x r), NaN where one is missing; a sensor without motion has NaN.
+    `a`, `b`: paired shapes (s x r), NaN where one is missing; a sensor without motion has NaN.
     """
     there = ~(np.isnan(a) | np.isnan(b))
     a, b = np.where(there, a, 0.0), np.where(there, b, 0.0)

@@ -90,10 +90,7 @@ class ModalDamping:
     def matrix(self, M: Matrix, K: Matrix, values: Mapping[str, float] | None = None) -> Array:
         """Return C (n x n); `values` of the parameters on which the ratios depend, default: reference values.
 
-        Raises
-        ------
-        UsageError
-            If there are too many DOFs to solve for all modes, or fewer modes than ratios.
+        Raises UsageError if there are too many DOFs to solve for all modes, or fewer modes than ratios.
         """
         n = int(M.shape[0])
         if n > _MOST_MODAL:
@@ -119,12 +116,8 @@ class ModalDamping:
     def slopes(self, M: DependentMatrix, K: DependentMatrix, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the derivatives of C (n x n) by the values of parameters, by name.
 
-        Raises
-        ------
-        UsageError
-            Where C has no derivative as a rigid-body mode gets stiffness, or a massless motion gets mass.
-        NumericalError
-            Where modes of one frequency have different ratios.
+        Raises UsageError where C has no derivative as a rigid-body mode gets stiffness, or a massless motion
+        gets mass, and NumericalError where modes of one frequency have different ratios.
         """
         mass, stiffness = as_array(M.at(values)), as_array(K.at(values))
         found_modes = modes(mass, np.zeros_like(mass), stiffness, backend="dense")
@@ -160,14 +153,8 @@ class ModalDamping:
 class ModalPart:
     """Modal damping of a structure whose mass or stiffness depends on parameters.
 
-    Parameters
-    ----------
-    damping
-        The ratios.
-    M, K
-        Mass and stiffness (N x N), without joints.
-    T
-        The basis (N x n) of a reduced model; default: unity.
+    `damping`: the ratios; `M`, `K`: mass and stiffness (N x N), without joints; `T`: the basis (N x n) of a
+    reduced model; default: unity.
     """
 
     damping: ModalDamping

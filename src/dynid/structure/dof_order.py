@@ -23,14 +23,8 @@ from dynid.structure.matrices import Matrix, as_array, is_sparse, nothing
 class DofOrder(NamedTuple):
     """An order of DOFs that a matrix may have.
 
-    Parameters
-    ----------
-    name
-        The order in the terms of the file, such as ``a-set``.
-    labels
-        Labels of the DOFs.
-    stated
-        True where the file states it; an order that is not stated has to be confirmed.
+    `name`: the order in the terms of the file, such as ``a-set``; `labels`: labels of the DOFs; `stated`:
+    true where the file states it; an order that is not stated has to be confirmed.
     """
 
     name: str
@@ -49,14 +43,8 @@ class ModeShapes(NamedTuple):
 class NodeFile:
     """Nodes of a file.
 
-    Parameters
-    ----------
-    nodes
-        The nodes.
-    orders
-        Orders of DOFs that a matrix without labels may have, the likeliest first.
-    modes
-        Modes, where the file has them.
+    `nodes`: the nodes; `orders`: orders of DOFs that a matrix without labels may have, the likeliest first;
+    `modes`: modes, where the file has them.
     """
 
     nodes: Nodes
@@ -99,12 +87,8 @@ _RIGID_MODE = 1e-9
 class Balance(NamedTuple):
     """Forces of the rigid-body motions of nodes on a structure.
 
-    Parameters
-    ----------
-    share
-        The share of DOFs on which they vanish.
-    median
-        The median over the DOFs of the largest force, relative to the sum of its parts.
+    `share`: the share of DOFs on which they vanish; `median`: the median over the DOFs of the largest force,
+    relative to the sum of its parts.
     """
 
     share: float
@@ -129,19 +113,9 @@ def assigned(
 ) -> tuple[tuple[Label, ...], Nodes]:
     """Return labels of DOFs, and the nodes with what contradicts them.
 
-    Parameters
-    ----------
-    M, K
-        Mass and stiffness (n x n).
-    labels
-        Labels of the DOFs where they are known (n); else they are found.
-    file
-        The nodes, and the orders of DOFs that their file has.
-
-    Raises
-    ------
-    UsageError
-        If no order of DOFs fits the matrices, or several fit and none can be confirmed.
+    `M`, `K`: mass and stiffness (n x n); `labels`: labels of the DOFs where they are known (n); else they are
+    found; `file`: the nodes, and the orders of DOFs that their file has. Raises UsageError if no order of
+    DOFs fits the matrices, or several fit and none can be confirmed.
     """
     if labels:
         return tuple(labels), _checked(K, labels, file.nodes, stated=True)
@@ -191,10 +165,7 @@ def _likeliest(K: Matrix, orders: Sequence[DofOrder], nodes: Nodes) -> list[tupl
 def _checked(K: Matrix, labels: Sequence[Label], nodes: Nodes, *, stated: bool) -> Nodes:
     """Return nodes with the sentence on what contradicts or does not confirm their order.
 
-    Raises
-    ------
-    UsageError
-        If an order that no file states is contradicted.
+    Raises UsageError if an order that no file states is contradicted.
     """
     placed = (node_direction(label) for label in labels)
     missing = [node[0] for node in placed if node is not None and node[0] not in nodes.places]

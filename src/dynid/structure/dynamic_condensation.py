@@ -37,14 +37,8 @@ _RESPONSE_BLOCK_NUMBERS = 1_000_000
 class ActiveCoordinates:
     """Coordinates outside of which some symmetric matrices vanish.
 
-    Attributes
-    ----------
-    places
-        Places of the DOFs that take part (d).
-    basis
-        Orthonormal columns (d x d): the first `count` span what the matrices act on.
-    count
-        Number of coordinates on which the matrices act (a).
+    `places`: places of the DOFs that take part (d); `basis`: orthonormal columns (d x d): the first `count`
+    span what the matrices act on; `count`: number of coordinates on which the matrices act (a).
     """
 
     places: NDArray[np.intp]
@@ -114,10 +108,7 @@ class CondensedLines:
     def solve(self, M: Array, C: Array, K: Array) -> tuple[ComplexArray, ComplexArray, NDArray[np.bool_]]:
         """Return the receptances of the pairs, the motion of the kept coordinates, and where both are right.
 
-        Parameters
-        ----------
-        M, C, K
-            Mass, damping and stiffness (n x n).
+        `M`, `C`, `K`: mass, damping and stiffness (n x n).
 
         Returns
         -------
@@ -151,18 +142,8 @@ def condensed_lines(
 ) -> CondensedLines | None:
     """Eliminate all but the active coordinates at each line; None where these are too many for that to pay.
 
-    Parameters
-    ----------
-    matrices
-        Mass, damping and stiffness (n x n), symmetric.
-    coordinates
-        Those to keep (a).
-    ends
-        Directions of forces and read-outs (e x n).
-    pairs
-        As of `CondensedLines`.
-    omega
-        The lines, rad/s.
+    `matrices`: mass, damping and stiffness (n x n), symmetric; `coordinates`: those to keep (a); `ends`:
+    directions of forces and read-outs (e x n); `pairs`: as of `CondensedLines`; `omega`: the lines, rad/s.
     """
     n, a, e = len(matrices[0]), coordinates.count, len(ends)
     if a > _MAX_KEPT_SHARE * n:

@@ -31,16 +31,10 @@ from dynid.structure.state_space import massless_directions, massless_motion, st
 class Excitation:
     """Directions of the loads and rows of the channels.
 
-    Attributes
-    ----------
-    rows, orders
-        Displacement rows of the channels (channels x n) and their derivative orders.
-    held
-        Coordinate of each load that prescribes a motion, -1 for a force or the ground.
-    directions
-        Directions of forces, and of prescribed motions (n x loads).
-    base
-        Direct share of the ground's acceleration in each channel (channels x loads).
+    `rows`, `orders`: displacement rows of the channels (channels x n) and their derivative orders; `held`:
+    coordinate of each load that prescribes a motion, -1 for a force or the ground; `directions`: directions
+    of forces, and of prescribed motions (n x loads); `base`: direct share of the ground's acceleration in
+    each channel (channels x loads).
     """
 
     rows: Array
@@ -102,10 +96,7 @@ class Excitation:
     ) -> None:
         """Refuse initial values of DOFs (their labels: n) that follow from the motion of the others.
 
-        Raises
-        ------
-        UsageError
-            Naming the DOF.
+        Raises UsageError naming the DOF.
         """
         if not massless_motion(mass := self.mass(M)):
             return
@@ -132,17 +123,9 @@ def drive(
 ) -> Excitation:
     """Return the directions of the loads and the rows of the channels.
 
-    Parameters
-    ----------
-    model, loads, channels
-        The structure, its loads and its channels.
-    values
-        Unknown parameters by name, on which the mass moved by the ground may depend; default: the reference.
-
-    Raises
-    ------
-    UsageError
-        If a DOF or quantity does not exist, or a motion cannot be prescribed there.
+    `model`, `loads`, `channels`: the structure, its loads and its channels; `values`: unknown parameters by
+    name, on which the mass moved by the ground may depend; default: the reference. Raises UsageError if a DOF
+    or quantity does not exist, or a motion cannot be prescribed there.
     """
     _, rows, orders = ports(model, [], channels)
     directions = np.zeros((model.size, len(loads)))
@@ -225,19 +208,9 @@ def starting_state(
 ) -> Array:
     """Return the state [x, x'] (2 n) at t = 0.
 
-    Parameters
-    ----------
-    model
-        The structure; of a reduced one the nearest motion, by kinetic energy.
-    loads
-        Prescribed motions start as they are prescribed.
-    displacement, velocity
-        Initial displacement, m, and velocity, m/s, by DOF; default: 0.
-
-    Raises
-    ------
-    UsageError
-        If a DOF does not exist.
+    `model`: the structure; of a reduced one the nearest motion, by kinetic energy; `loads`: prescribed
+    motions start as they are prescribed; `displacement`, `velocity`: initial displacement, m, and velocity,
+    m/s, by DOF; default: 0. Raises UsageError if a DOF does not exist.
     """
     initial = np.concatenate([_initial(model, displacement), _initial(model, velocity)])
     prescribed, is_prescribed = prescribed_state(model, loads, 0.0)

@@ -17,12 +17,7 @@ _UNPIVOTED = 1e-12
 def backend_for(size: int, entries: int = 0) -> str:
     """Return the backend that a matrix is factorised by unless one is named.
 
-    Parameters
-    ----------
-    size
-        The number of its rows.
-    entries
-        The number of its entries; 0: unknown.
+    `size`: the number of its rows; `entries`: the number of its entries; 0: unknown.
     """
     has_library = not BACKENDS[BACKEND.value].missing()
     large = size > LARGE_MATRICES.value and (not has_library or entries > FULL_ROWS.value * size)

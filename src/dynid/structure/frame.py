@@ -46,17 +46,8 @@ def bending(
     Rotations are the slopes ``dw/dx``. Released DOFs carry no force: they are condensed statically (Guyan),
     which leaves zeros in their place.
 
-    Parameters
-    ----------
-    EI, rhoA, length
-        Bending stiffness, N·m2, mass per length, kg/m, and length, m.
-    released
-        The places, 0 … 3, of the released DOFs.
-
-    Raises
-    ------
-    UsageError
-        If a released DOF moves without any stiffness.
+    `EI`, `rhoA`, `length`: bending stiffness, N·m2, mass per length, kg/m, and length, m; `released`: the
+    places, 0 … 3, of the released DOFs. Raises UsageError if a released DOF moves without any stiffness.
     """
     k, m = (
         pattern_sum((1.0, P0), (length, P1), (length**2, P2))
@@ -70,17 +61,9 @@ def stretching(
 ) -> tuple[DependentMatrix, DependentMatrix]:
     """Return stiffness and consistent mass (2 x 2) of a bar element, DOFs [u1, u2]; of a shaft alike.
 
-    Parameters
-    ----------
-    EA, rhoA, length
-        Axial stiffness, N, mass per length, kg/m, and length, m; of a shaft GJ and polar inertia per length.
-    released
-        The released DOFs as in `bending`, 0 or 1.
-
-    Raises
-    ------
-    UsageError
-        If both are released.
+    `EA`, `rhoA`, `length`: axial stiffness, N, mass per length, kg/m, and length, m; of a shaft GJ and polar
+    inertia per length; `released`: the released DOFs as in `bending`, 0 or 1. Raises UsageError if both are
+    released.
     """
     (k, *_), (m, *_) = _patterns("stretching", tuple(sorted(released)))
     return DependentMatrix(k).times(EA / length), DependentMatrix(m).times(rhoA * length / 6)

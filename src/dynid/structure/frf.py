@@ -83,29 +83,14 @@ def frequency_response_functions(
 ) -> _FrequencyResponse:
     """Compute frequency response functions.
 
-    Parameters
-    ----------
-    M, C, K
-        Mass, damping and stiffness (n x n), dense or sparse.
-    ports
-        Directions of forces and rows of outputs.
-    omega
-        Angular frequencies, rad/s.
-    method
-        ``direct``; ``modal``; or ``auto``: modal where matrices are large and sparse and frequencies many.
-    accuracy
-        Relative error that is asked for of modal responses.
-    backend
-        Factorisation backend of modes and residual vectors.
+    `M`, `C`, `K`: mass, damping and stiffness (n x n), dense or sparse; `ports`: directions of forces and
+    rows of outputs; `omega`: angular frequencies, rad/s; `method`: ``direct``; ``modal``; or ``auto``: modal
+    where matrices are large and sparse and frequencies many; `accuracy`: relative error that is asked for of
+    modal responses; `backend`: factorisation backend of modes and residual vectors.
 
-    Raises
-    ------
-    Singular
-        If a frequency lies on an undamped pole, and the responses that are infinite there are not determined.
-    NumericalError
-        If the accuracy is not reached by modes; a direct solution does.
-    UsageError
-        If there is no such method.
+    Raises Singular if a frequency lies on an undamped pole, and the responses that are infinite there are not
+    determined, NumericalError if the accuracy is not reached by modes; a direct solution does, and UsageError
+    if there is no such method.
     """
     w = np.atleast_1d(np.asarray(omega, dtype=float))
     if method not in METHODS:
@@ -131,10 +116,8 @@ def frequency_response_functions(
 def direct(M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array) -> ComplexArray:
     """Solve with the dynamic stiffness at every frequency.
 
-    Raises
-    ------
-    Singular
-        If a frequency lies on an undamped pole, and the responses that are infinite there are not determined.
+    Raises Singular if a frequency lies on an undamped pole, and the responses that are infinite there are not
+    determined.
     """
     if not is_sparse(K) or K.shape[0] <= _DENSE:
         return second_order_response(as_array(M), as_array(C), as_array(K), *ports, omega)
@@ -179,12 +162,8 @@ def _by_modes(
 ) -> _FrequencyResponse:
     """Compute the response of the modes of the band with residual vectors.
 
-    Raises
-    ------
-    Singular
-        If a frequency lies on an undamped pole, and the responses that are infinite there are not determined.
-    NumericalError
-        If the accuracy is not reached.
+    Raises Singular if a frequency lies on an undamped pole, and the responses that are infinite there are not
+    determined, and NumericalError if the accuracy is not reached.
     """
     from scipy.sparse import csc_array
 

@@ -31,10 +31,7 @@ def place_of(model: StructuralModel, dof: Label) -> Place | None:
 
     A motion is at the mean of its nodes, by the sizes of their weights. None where no node is known.
 
-    Raises
-    ------
-    UsageError
-        If there is no such DOF.
+    Raises UsageError if there is no such DOF.
     """
     if model.nodes is None:
         return None
@@ -137,21 +134,8 @@ def _held(model: StructuralModel, numbers: Sequence[Node]) -> Array:
 def add_places(result: Result, model: StructuralModel, what: str, named: Iterable[tuple[str, Label]]) -> None:
     """Add names of DOFs with their places to the geometry in a result, those whose nodes are known.
 
-    Parameters
-    ----------
-    result
-        The result.
-    model
-        The structure.
-    what
-        What they are: the name of the axis.
-    named
-        Name and DOF of each.
-
-    Raises
-    ------
-    UsageError
-        If there is no such DOF.
+    `what`: what they are: the name of the axis; `named`: name and DOF of each. Raises UsageError if there is
+    no such DOF.
     """
     placed = [(name, position) for name, dof in named if (position := place_of(model, dof))]
     if placed:
@@ -165,12 +149,7 @@ def add_places(result: Result, model: StructuralModel, what: str, named: Iterabl
 def add_motion(result: Result, model: StructuralModel) -> None:
     """Add the motion of the nodes in the modes of a result, in basic coordinates, to its geometry.
 
-    Parameters
-    ----------
-    result
-        With `geometry` and the modes of `model`.
-    model
-        The structure, full or reduced.
+    `result`: with `geometry` and the modes of `model`; `model`: the structure, full or reduced.
 
     Notes
     -----

@@ -86,12 +86,7 @@ def kind(label: Label) -> str:
 class DofNames:
     """The names by which DOFs are found: their own labels, ``NODE:DIR``, and numbers where labels are texts.
 
-    Parameters
-    ----------
-    labels
-        The DOFs' own labels (n).
-    motions
-        Names of weighted sums of DOFs, which are found like DOFs.
+    `labels`: the DOFs' own labels (n); `motions`: names of weighted sums of DOFs, which are found like DOFs.
     """
 
     def __init__(self, labels: Sequence[Label], motions: Iterable[str] = ()) -> None:
@@ -107,10 +102,7 @@ class DofNames:
     def find(self, name: Label) -> Label:
         """Return the own label of a DOF, or the name of a motion.
 
-        Raises
-        ------
-        UsageError
-            If there is no such DOF, two have this node and direction, or the name has a sign.
+        Raises UsageError if there is no such DOF, two have this node and direction, or the name has a sign.
         """
         name = self._as_number(name)
         if name in self._own:
@@ -128,10 +120,7 @@ class DofNames:
     def find_signed(self, name: Label) -> tuple[float, Label]:
         """Return the sign of a name such as ``20:-z``, +1 or -1, and the own label of its DOF.
 
-        Raises
-        ------
-        UsageError
-            As `find`.
+        Raises UsageError as `find`.
         """
         name = self._as_number(name)
         bare = unsigned(name)
@@ -144,10 +133,7 @@ class DofNames:
 
         A number stays as it is.
 
-        Raises
-        ------
-        UsageError
-            As `find`.
+        Raises UsageError as `find`.
         """
         name = self._as_number(name)
         sign, label = self.find_signed(name)
@@ -169,12 +155,8 @@ class DofNames:
     def misnamed(self, name: Label, *, signed: bool = False) -> str | None:
         """Return what is wrong with a text that names no DOF, as far as it has a node, direction or sign.
 
-        Parameters
-        ----------
-        name
-            The name, which `find` refuses; `find_signed` if `signed`.
-        signed
-            True where a sign is allowed.
+        `name`: the name, which `find` refuses; `find_signed` if `signed`; `signed`: True where a sign is
+        allowed.
         """
         name = self._as_number(name)
         if isinstance(name, int):
@@ -237,10 +219,7 @@ def unsigned(name: Label) -> Label:
 def checked(labels: Iterable[Label], n: int) -> tuple[Label, ...]:
     """Return n different labels; 1 … n where none are given.
 
-    Raises
-    ------
-    UsageError
-        If there are not n, two are the same, or a text could be taken for a number.
+    Raises UsageError if there are not n, two are the same, or a text could be taken for a number.
     """
     names = tuple(labels)
     if not names:
@@ -353,10 +332,7 @@ class Nodes:
     def rigid(self, labels: Iterable[Label]) -> Array:
         """Return DOFs in the six rigid-body motions: unit displacements, then rotations about the origin.
 
-        Parameters
-        ----------
-        labels
-            Labels of the DOFs.
+        `labels`: labels of the DOFs.
 
         Returns
         -------

@@ -35,12 +35,7 @@ def _check_springs(masses: Sequence[float], springs: Sequence[tuple[tuple[int, .
     ground; as the clusters move against each other their stiffer springs stay unstrained, and their entries
     of the matrix must cancel to less than the spring itself.
 
-    Parameters
-    ----------
-    masses
-        Masses of the DOFs, kg.
-    springs
-        DOFs (from 1; one: to ground) and stiffness, N/m.
+    `masses`: masses of the DOFs, kg; `springs`: DOFs (from 1; one: to ground) and stiffness, N/m.
 
     Raises
     ------

@@ -24,6 +24,9 @@ _COINCIDENT = 1e-6
 class Matching:
     """The rule by which nodes of a test are matched to nodes of a model.
 
+    Raises UsageError if the axes are not orthonormal and right-handed, or positions are compared without a
+    tolerance.
+
     Parameters
     ----------
     by
@@ -38,11 +41,6 @@ class Matching:
         Directions x, y, z of the test in the coordinates of the model, rows (3 x 3).
     pairs
         Nodes of the model by nodes of the test, where neither number nor position is right.
-
-    Raises
-    ------
-    UsageError
-        If the axes are not orthonormal and right-handed, or positions are compared without a tolerance.
     """
 
     by: str = "number"
@@ -74,28 +72,19 @@ def matched_dofs(
 ) -> list[Motion]:
     """Return the motions of a model that sensors of a test measure.
 
-    Parameters
-    ----------
-    model
-        The model. Without nodes of its own, its labels say which DOF is at which node; a structure whose
-        DOFs are numbers has one at each node, whatever its direction.
-    places
-        Node and direction of each sensor, such as ``(20, "-z")``.
-    how
-        Where the nodes of the test lie.
-    test
-        Nodes of the test with their positions and axes. None: directions are those of the model's DOFs.
+    `model`: the model. Without nodes of its own, its labels say which DOF is at which node; a structure whose
+    DOFs are numbers has one at each node, whatever its direction. `places`: node and direction of each
+    sensor, such as ``(20, "-z")``; `how`: where the nodes of the test lie; `test`: nodes of the test with
+    their positions and axes. None: directions are those of the model's DOFs.
+
+    Raises UsageError if nodes are not there, lie too far from any, or two lie at one; if a direction has no
+    DOFs.
 
     Returns
     -------
     list of mappings
         For each sensor the weights of the DOFs, by their own labels: one DOF, or motion of the model, with
         weight 1 or -1 where its direction is that of one.
-
-    Raises
-    ------
-    UsageError
-        If nodes are not there, lie too far from any, or two lie at one; if a direction has no DOFs.
     """
     labels_of_nodes = _by_node(model)
     nodes = _matched_nodes(model, labels_of_nodes, list(dict.fromkeys(node for node, _ in places)), how, test)

@@ -74,21 +74,9 @@ def combined(alpha: float, A: Matrix, beta: float, B: Matrix) -> Matrix:
 def as_matrix(name: str, values: Any, n: int, *, sparse: bool = False) -> Matrix:
     """Return an n x n matrix in double precision, finite and exactly symmetric, read-only where dense.
 
-    Parameters
-    ----------
-    name
-        ``M``, ``C`` or ``K``.
-    values
-        Array-like, or a sparse matrix.
-    n
-        The size it must have.
-    sparse
-        True to make a dense matrix sparse.
-
-    Raises
-    ------
-    UsageError
-        If it has another size, an entry that is not finite, or is not symmetric to rounding.
+    `name`: ``M``, ``C`` or ``K``; `values`: array-like, or a sparse matrix; `n`: the size it must have;
+    `sparse`: True to make a dense matrix sparse. Raises UsageError if it has another size, an entry that is
+    not finite, or is not symmetric to rounding.
     """
     if is_sparse(values) or sparse:
         from scipy.sparse import csc_array  # loaded already where `values` are sparse
@@ -127,19 +115,8 @@ def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> No
     one the entries and the lower end of a Lanczos spectrum are looked at, which can overlook a negative
     eigenvalue close to zero: the inertia count of the modes does not.
 
-    Parameters
-    ----------
-    name
-        ``M`` or ``K``.
-    matrix
-        The matrix, symmetric.
-    labels
-        Labels of its DOFs.
-
-    Raises
-    ------
-    UsageError
-        Naming an entry, or the DOF that the negative direction moves most.
+    `name`: ``M`` or ``K``; `matrix`: the matrix, symmetric; `labels`: labels of its DOFs. Raises UsageError
+    naming an entry, or the DOF that the negative direction moves most.
     """
     diagonal = np.asarray(matrix.diagonal())
     if diagonal.min() < 0:
@@ -264,12 +241,7 @@ class DependentMatrix:
 
     Where nothing depends on parameters it is the constant matrix alone, with the arithmetic of arrays.
 
-    Parameters
-    ----------
-    constant
-        The part A that depends on no parameter.
-    terms
-        The pairs (c, P).
+    `constant`: the part A that depends on no parameter; `terms`: the pairs (c, P).
     """
 
     constant: Matrix

@@ -45,14 +45,8 @@ def summarise(
 ) -> _StructureSummary:
     """Return size, massless DOFs and named rigid-body modes of a structure.
 
-    Parameters
-    ----------
-    model
-        The structure.
-    lowest
-        Its modes, the rigid-body ones among them; default: computed, with known joints.
-    M
-        Its mass with joints that have mass; default: without.
+    `lowest`: its modes, the rigid-body ones among them; default: computed, with known joints; `M`: its mass
+    with joints that have mass; default: without.
     """
     if lowest is None:
         M, C, K = model.with_joints()
@@ -70,12 +64,7 @@ def rigid_names(dofs: Sequence[Label], shapes: Array) -> tuple[str, ...]:
     rotations: those that turn all rotational DOFs alike, or as many as the translations allow for. What is
     left are mechanisms, named by the DOFs that move most.
 
-    Parameters
-    ----------
-    dofs
-        Labels of the DOFs (n).
-    shapes
-        Independent rigid-body motions (n x r), in any combination.
+    `dofs`: labels of the DOFs (n); `shapes`: independent rigid-body motions (n x r), in any combination.
     """
     count = shapes.shape[1]
     if not count:

@@ -65,18 +65,10 @@ class Inverse(NamedTuple):
 class ModalSolution:
     """The lowest modes at values of the parameters.
 
-    Attributes
-    ----------
-    model, values
-        The structure, and the values of its unknown parameters by name.
-    poles
-        Poles with a positive imaginary part (m), ascending in magnitude, 1/s.
-    shapes
-        Mode shapes (n x m), of unit modal mass; complex with damping.
-    matrices
-        Mass, damping and stiffness with the joints.
-    inverse
-        All eigenvectors of a dense structure without damping; None of others.
+    `model`, `values`: the structure, and the values of its unknown parameters by name; `poles`: poles with a
+    positive imaginary part (m), ascending in magnitude, 1/s; `shapes`: mode shapes (n x m), of unit modal
+    mass; complex with damping; `matrices`: mass, damping and stiffness with the joints; `inverse`: all
+    eigenvectors of a dense structure without damping; None of others.
     """
 
     model: StructuralModel
@@ -126,12 +118,8 @@ class ModalSolution:
     ) -> ComplexArray:
         """Return the derivatives of a pole by the parameters (p).
 
-        Parameters
-        ----------
-        pole, shape
-            The pole and its shape (n); of equal poles a shape of their span that stays one.
-        slopes
-            Derivatives of the matrices by each parameter (p), as of `StructuralModel.slopes`.
+        `pole`, `shape`: the pole and its shape (n); of equal poles a shape of their span that stays one;
+        `slopes`: derivatives of the matrices by each parameter (p), as of `StructuralModel.slopes`.
         """
         work = shape @ self._forces(pole, shape, slopes)
         slopes_of_pole = np.asarray(work / (shape @ self._border(pole, shape)))
@@ -143,14 +131,8 @@ class ModalSolution:
     def shape_slopes(self, mode: int, span: Sequence[int], slopes: Sequence[Mapping[str, Matrix]]) -> Vectors:
         """Return the derivatives of a shape by the parameters, without their parts in a span (n x p).
 
-        Parameters
-        ----------
-        mode
-            The mode, from 0.
-        span
-            The modes at its frequency: itself alone, or also close and equal ones.
-        slopes
-            As of `pole_slopes`.
+        `mode`: the mode, from 0; `span`: the modes at its frequency: itself alone, or also close and equal
+        ones; `slopes`: as of `pole_slopes`.
         """
         pole = complex(self.poles[mode])
         forces = self._forces(pole, self.shapes[:, mode], slopes)
@@ -210,25 +192,12 @@ def lowest_modes(
 ) -> ModalSolution:
     """Return the lowest modes of a structure.
 
-    Parameters
-    ----------
-    model
-        The structure, full or reduced.
-    values
-        Its unknown parameters by name.
-    count
-        How many modes; fewer where there are not so many.
-    near
-        An angular frequency, rad/s, of the size of the lowest elastic ones.
-    damped
-        True to take damping into account.
+    `model`: the structure, full or reduced; `values`: its unknown parameters by name; `count`: how many
+    modes; fewer where there are not so many; `near`: an angular frequency, rad/s, of the size of the lowest
+    elastic ones; `damped`: True to take damping into account.
 
-    Raises
-    ------
-    Singular
-        If a motion has neither mass nor stiffness, or the stiffness is indefinite.
-    NumericalError
-        If damped modes of a sparse structure are not found.
+    Raises Singular if a motion has neither mass nor stiffness, or the stiffness is indefinite, and
+    NumericalError if damped modes of a sparse structure are not found.
     """
     matrices = M, C, K = model.with_joints(values)
     if is_sparse(M):
@@ -380,14 +349,8 @@ def modal_basis(
     Frequencies and shapes of these modes are those of the whole structure at these values; elsewhere the
     errors of frequencies are of fourth order in the change of the parameters.
 
-    Parameters
-    ----------
-    model
-        The structure.
-    values, count, near, damped
-        As of `lowest_modes`.
-    highest
-        Highest frequency, rad/s, of a mode whose derivatives are exact, too.
+    `values`, `count`, `near`, `damped`: as of `lowest_modes`; `highest`: highest frequency, rad/s, of a mode
+    whose derivatives are exact, too.
     """
     solution = lowest_modes(model, values, count, near, damped=damped)
     slopes = model.slopes(values)

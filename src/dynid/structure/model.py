@@ -36,14 +36,8 @@ _RIGID_ENERGY_TOL = 1e-9
 class Term(NamedTuple):
     """A part of a matrix that depends on unknown parameters.
 
-    Parameters
-    ----------
-    letter
-        The matrix: ``M``, ``C`` or ``K``.
-    coefficient
-        What multiplies `matrix`.
-    matrix
-        A constant matrix (n x n).
+    `letter`: the matrix: ``M``, ``C`` or ``K``; `coefficient`: what multiplies `matrix`; `matrix`: a constant
+    matrix (n x n).
     """
 
     letter: str
@@ -55,15 +49,9 @@ class Term(NamedTuple):
 class Basis:
     """Basis of a reduced model: ``x = T q``.
 
-    Parameters
-    ----------
-    T
-        The basis (N x n): N DOFs of `parent`, n coordinates.
-    parent
-        The model that was reduced.
-    rigid
-        Coordinates (from 0) in which `parent` moves as a rigid body, joints included: these strain nothing,
-        whatever the rounding of T.
+    `T`: the basis (N x n): N DOFs of `parent`, n coordinates; `parent`: the model that was reduced; `rigid`:
+    coordinates (from 0) in which `parent` moves as a rigid body, joints included: these strain nothing,
+    whatever the rounding of T.
     """
 
     T: Array
@@ -150,10 +138,7 @@ class StructuralModel(NamedDofs):
     def joined(self, joints: Iterable[Joint]) -> StructuralModel:
         """Return the model with other joints, its matrices not checked again.
 
-        Raises
-        ------
-        UsageError
-            If a joint makes no sense here.
+        Raises UsageError if a joint makes no sense here.
         """
         model = self._copied(joints=tuple(joints))
         model._check_joints()
@@ -181,14 +166,8 @@ class StructuralModel(NamedDofs):
     def projected(self, T: Array, dofs: Sequence[Label], rigid: Sequence[int] = ()) -> StructuralModel:
         """Return the model in coordinates q with ``x = T q``; the joints come along.
 
-        Parameters
-        ----------
-        T
-            The basis (size x n).
-        dofs
-            Labels of the coordinates (n): of kept DOFs their own, of others any.
-        rigid
-            As of `Basis`.
+        `T`: the basis (size x n); `dofs`: labels of the coordinates (n): of kept DOFs their own, of others
+        any; `rigid`: as of `Basis`.
         """
         M, C, K = (congruent(T, matrix) for matrix in (self.M, self.C, self.K))
         terms = tuple(term._replace(matrix=_projected_pattern(term, T, rigid)) for term in self.terms)
@@ -244,10 +223,7 @@ class StructuralModel(NamedDofs):
     def bare(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
         """Return mass, damping and stiffness without the joints.
 
-        Parameters
-        ----------
-        values
-            Parameters by name; those that are absent have their reference values.
+        `values`: parameters by name; those that are absent have their reference values.
         """
         sums: dict[str, Any] = {"M": self.M, "C": self.C, "K": self.K}
         parameter_values = values or {}
@@ -265,16 +241,9 @@ class StructuralModel(NamedDofs):
     def with_joints(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
         """Return mass, damping and stiffness with the joints: M + M_s, C + C_s and K + K_s (Yang, eq 1).
 
-        Parameters
-        ----------
-        values
-            The parameters by name. Those that are not joints' own (``<joint>.k``, ``<joint>.c``) have
-            their reference values where they are absent.
-
-        Raises
-        ------
-        UsageError
-            If an unknown parameter of a joint has no value, or a name is no parameter.
+        `values`: the parameters by name. Those that are not joints' own (``<joint>.k``, ``<joint>.c``) have
+        their reference values where they are absent. Raises UsageError if an unknown parameter of a joint has
+        no value, or a name is no parameter.
         """
         parameter_values = dict(values or {})
         unknown = parameter_values.keys() - self.names - {parameter.name for parameter in self.parameters}
@@ -306,12 +275,8 @@ class StructuralModel(NamedDofs):
     ) -> tuple[Mapping[str, Matrix], ...]:
         """Return the derivatives of the matrices of `with_joints` by each unknown parameter's value.
 
-        Parameters
-        ----------
-        values
-            The parameters by name; those that are absent have their reference values.
-        names
-            The parameters, known or unknown, by which to differentiate; default: `unknowns`.
+        `values`: the parameters by name; those that are absent have their reference values; `names`: the
+        parameters, known or unknown, by which to differentiate; default: `unknowns`.
 
         Returns
         -------
@@ -364,10 +329,7 @@ class StructuralModel(NamedDofs):
     def dense(self, values: Mapping[str, float] | None = None) -> tuple[Array, Array, Array]:
         """Return the matrices of `with_joints` as arrays.
 
-        Raises
-        ------
-        UsageError
-            As `with_joints`; also if they would not fit into memory.
+        Raises UsageError as `with_joints`; also if they would not fit into memory.
         """
         if self.is_sparse and self.size > _MOST_DENSE:
             raise UsageError(
@@ -380,15 +342,8 @@ class StructuralModel(NamedDofs):
     def assembled(self, values: Mapping[str, float] | None = None) -> StructuralModel:
         """Return the model with its joints added to the matrices, and no joints left.
 
-        Parameters
-        ----------
-        values
-            Values of the joints' own unknown parameters. All other parameters stay as they are.
-
-        Raises
-        ------
-        UsageError
-            If a joint's own parameter has no value, or a name is none of these.
+        `values`: values of the joints' own unknown parameters. All other parameters stay as they are. Raises
+        UsageError if a joint's own parameter has no value, or a name is none of these.
         """
         parameter_values = dict(values or {})
         others = [
@@ -415,10 +370,7 @@ class StructuralModel(NamedDofs):
     def true_values(self) -> dict[str, float]:
         """Return the true values of the unknown parameters.
 
-        Raises
-        ------
-        UsageError
-            If one has no true value.
+        Raises UsageError if one has no true value.
         """
         return true_values(self.unknowns)
 

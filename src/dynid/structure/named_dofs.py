@@ -20,16 +20,9 @@ Motion: TypeAlias = Mapping[Label, float]
 class NamedDofs:
     """What can be named in a structure: its DOFs, weighted sums of them, and all DOFs of the full model.
 
-    Attributes
-    ----------
-    dofs
-        Labels of the DOFs, or of the coordinates of a reduced model (n).
-    basis
-        Of a reduced model, the way back to all DOFs (`structure.model.Basis`).
-    motions
-        Named weighted sums of the full model's DOFs.
-    translations
-        True where DOFs whose labels have no direction are translations.
+    `dofs`: labels of the DOFs, or of the coordinates of a reduced model (n); `basis`: of a reduced model, the
+    way back to all DOFs (`structure.model.Basis`); `motions`: named weighted sums of the full model's DOFs;
+    `translations`: True where DOFs whose labels have no direction are translations.
     """
 
     dofs: tuple[Label, ...]
@@ -52,10 +45,7 @@ class NamedDofs:
 
         A sum of displacements and of rotations times lengths is a translation.
 
-        Raises
-        ------
-        UsageError
-            If there is no such DOF.
+        Raises UsageError if there is no such DOF.
         """
         kinds = {labels.kind(label) for label in self.moved_by(dof)}
         if "unknown" in kinds and not self._full.translations:
@@ -68,10 +58,7 @@ class NamedDofs:
         A DOF is named by its label, by ``NODE:DIR``, or where labels are texts by number. Numbers are those
         of the full model, in a reduced one as well.
 
-        Raises
-        ------
-        UsageError
-            If there is no such DOF, or the name has a sign.
+        Raises UsageError if there is no such DOF, or the name has a sign.
         """
         if dof in self._places:
             return dof
@@ -80,10 +67,8 @@ class NamedDofs:
     def index(self, dof: Label) -> int:
         """Return the place of a DOF, from 0.
 
-        Raises
-        ------
-        UsageError
-            If there is no such DOF, it is a motion, or a reduction has not kept it as a coordinate.
+        Raises UsageError if there is no such DOF, it is a motion, or a reduction has not kept it as a
+        coordinate.
         """
         label = self.label(dof)
         at = self._places.get(label)
@@ -102,10 +87,7 @@ class NamedDofs:
     def moved_by(self, dof: Label) -> tuple[Label, ...]:
         """Return the own labels of the DOFs in a displacement: of a motion several, whatever the sign.
 
-        Raises
-        ------
-        UsageError
-            If there is no such DOF.
+        Raises UsageError if there is no such DOF.
         """
         if dof in self._places:
             return (dof,)
@@ -115,16 +97,8 @@ class NamedDofs:
     def row(self, dof: Label) -> Array:
         """Return the row (n) that reads the displacement of a DOF; also the direction of a force on it.
 
-        Parameters
-        ----------
-        dof
-            Its own label, ``NODE:DIR``, or a motion. A sign (``20:-z``) reverses it. In a reduced model any
-            DOF of the model it was made from can be named.
-
-        Raises
-        ------
-        UsageError
-            If there is no such DOF.
+        `dof`: its own label, ``NODE:DIR``, or a motion. A sign (``20:-z``) reverses it. In a reduced model
+        any DOF of the model it was made from can be named. Raises UsageError if there is no such DOF.
         """
         row = np.zeros(self.size)
         if dof in self._places:

@@ -66,19 +66,8 @@ def components(
 ) -> tuple[Mapping[str, Motion], Sequence[Joint]]:
     """Return a joint between points as joints between motions, one a direction, and the motions they need.
 
-    Parameters
-    ----------
-    joint
-        The joint.
-    points
-        The points by name.
-    size
-        Size of the structure, m.
-
-    Raises
-    ------
-    UsageError
-        If a point does not exist or does not determine a motion, both move alike, or numbers make no sense.
+    `points`: the points by name; `size`: size of the structure, m. Raises UsageError if a point does not
+    exist or does not determine a motion, both move alike, or numbers make no sense.
     """
     ends = _Ends(joint, [_point(joint, name, points) for name in joint.points], size)
     joints: list[Joint] = []

@@ -61,20 +61,9 @@ class Point:
 class PlacedPoint:
     """The motions of a point by the DOFs of its structure.
 
-    Parameters
-    ----------
-    name
-        Its name.
-    xyz
-        Its place (3), m.
-    dofs
-        The DOFs that it follows (m).
-    weights
-        Its displacements and rotations by these (6 x m).
-    unseen
-        Its motions that move none of its nodes (6 x k), orthonormal with rotations multiplied by `length`.
-    length
-        Size of its node set, m; 1 of a single node.
+    `name`: its name; `xyz`: its place (3), m; `dofs`: the DOFs that it follows (m); `weights`: its
+    displacements and rotations by these (6 x m); `unseen`: its motions that move none of its nodes (6 x k),
+    orthonormal with rotations multiplied by `length`; `length`: size of its node set, m; 1 of a single node.
     """
 
     name: str
@@ -87,10 +76,7 @@ class PlacedPoint:
     def along(self, direction: Sequence[float] | Array) -> Motion:
         """Return the motion that is the sum of its six with these weights (6).
 
-        Raises
-        ------
-        UsageError
-            If its nodes do not determine it.
+        Raises UsageError if its nodes do not determine it.
         """
         target = np.asarray(direction, dtype=float)
         if not self.determines(target):

@@ -46,27 +46,15 @@ def lowest_oscillating(
 ) -> tuple[ComplexArray, ComplexArray] | None:
     """Return the lowest poles with a positive imaginary part, ascending in magnitude, and their shapes.
 
-    Parameters
-    ----------
-    matrices
-        Mass, damping and stiffness, sparse (n x n).
-    count
-        How many poles.
-    rigid
-        Number of rigid-body modes, which have poles of zero.
-    elastic
-        The lowest elastic frequency without damping, rad/s.
+    `matrices`: mass, damping and stiffness, sparse (n x n); `count`: how many poles; `rigid`: number of
+    rigid-body modes, which have poles of zero; `elastic`: the lowest elastic frequency without damping,
+    rad/s. Raises NumericalError if too many poles do not oscillate.
 
     Returns
     -------
     tuple or None
         At least `count` poles, with all that equal the last, and shapes (n x poles); None where that takes
         nearly all poles of the structure.
-
-    Raises
-    ------
-    NumericalError
-        If too many poles do not oscillate.
     """
     from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
@@ -141,17 +129,8 @@ class PoleSensitivities(NamedTuple):
 def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> PoleSensitivities:
     """Return the poles of a structure with their exact derivatives by its unknown parameters.
 
-    Parameters
-    ----------
-    model
-        The structure.
-    values
-        Its unknown parameters by name: where the derivatives are taken.
-
-    Raises
-    ------
-    NumericalError, UsageError
-        As of `modes`.
+    `values`: its unknown parameters by name: where the derivatives are taken. Raises NumericalError,
+    UsageError as of `modes`.
     """
     M, C, K = model.dense(values)
     undamped = modes(M, C, K, backend="dense")

@@ -177,10 +177,7 @@ class Ports(NamedTuple):
 def ports(model: StructuralModel, inputs: Sequence[Label], outputs: Sequence[Channel]) -> Ports:
     """Return the directions of forces at DOFs, and the rows and derivative orders of channels.
 
-    Raises
-    ------
-    UsageError
-        If a DOF or quantity does not exist.
+    Raises UsageError if a DOF or quantity does not exist.
     """
     forces = np.array([model.row(dof) for dof in inputs]).reshape(len(inputs), model.size).T
     rows = np.array([channel.row(model) for channel in outputs]).reshape(len(outputs), model.size)

@@ -38,20 +38,10 @@ class _RecoveredMatrices(NamedTuple):
 def recovered(A: Array, B: Array | None = None, C: Array | None = None) -> _RecoveredMatrices:
     """Recover the matrices of a structure from its state space, states [x, x'].
 
-    Parameters
-    ----------
-    A
-        System matrix (2n x 2n).
-    B, C
-        Inputs (2n x p) and outputs (q x 2n), if known. The first pair at one place tells the modal masses;
-        without one they are those closest to a unit mass matrix.
-
-    Raises
-    ------
-    UsageError
-        If the state space is not that of a structure with symmetric matrices.
-    NumericalError
-        If the modes are nearly linearly dependent.
+    `A`: system matrix (2n x 2n); `B`, `C`: inputs (2n x p) and outputs (q x 2n), if known. The first pair at
+    one place tells the modal masses; without one they are those closest to a unit mass matrix. Raises
+    UsageError if the state space is not that of a structure with symmetric matrices, and NumericalError if
+    the modes are nearly linearly dependent.
     """
     n = _half(A)
     X, Y = -A[n:, :n], -A[n:, n:]

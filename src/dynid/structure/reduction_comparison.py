@@ -215,12 +215,8 @@ def _response(model: StructuralModel, asked: RequestedResponses) -> NDArray[np.c
 class Cost:
     """Wall time and peak of memory of a piece of work.
 
-    Attributes
-    ----------
-    seconds
-        Wall time.
-    peak_megabytes
-        The process's memory at its highest meanwhile, above what it was before; None where unknown.
+    `seconds`: wall time; `peak_megabytes`: the process's memory at its highest meanwhile, above what it was
+    before; None where unknown.
     """
 
     seconds: float = 0.0
@@ -238,10 +234,7 @@ class Cost:
 def measured(memory: ModeMemory | None = None) -> Iterator[Cost]:
     """Measure the cost of the block; it is complete on leaving.
 
-    Parameters
-    ----------
-    memory
-        The modes that it shares with others, whose time is counted as if they were computed here.
+    `memory`: the modes that it shares with others, whose time is counted as if they were computed here.
     """
     cost = Cost()
     before = None

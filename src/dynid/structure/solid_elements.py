@@ -93,12 +93,8 @@ class _SolidElement:
 class _Integrated(NamedTuple):
     """Integrals over elements (e): what stiffness and mass are combined from.
 
-    Parameters
-    ----------
-    strain
-        Products of derivatives of shape functions (e x n x 3 x n x 3): ``int dN_i/dx_a dN_j/dx_b``.
-    mass
-        Products of shape functions (e x n x n).
+    `strain`: products of derivatives of shape functions (e x n x 3 x n x 3): ``int dN_i/dx_a dN_j/dx_b``;
+    `mass`: products of shape functions (e x n x n).
     """
 
     strain: Array
@@ -108,12 +104,7 @@ class _Integrated(NamedTuple):
 def jacobians(element: _SolidElement, points: Array) -> Array:
     """Return the derivatives (e x q x 3 x 3) of positions by reference coordinates at integration points.
 
-    Parameters
-    ----------
-    element
-        The kind of element.
-    points
-        Positions of the elements' nodes (e x n x 3), m.
+    `points`: positions of the elements' nodes (e x n x 3), m.
     """
     return np.asarray(element.slopes(element.rule.points) @ points[:, None])
 
@@ -121,12 +112,7 @@ def jacobians(element: _SolidElement, points: Array) -> Array:
 def integrated(element: _SolidElement, points: Array) -> _Integrated:
     """Return the integrals of products of shape functions and of their derivatives.
 
-    Parameters
-    ----------
-    element
-        The kind of element.
-    points
-        Positions of the elements' nodes (e x n x 3), m; of either orientation, but nowhere singular.
+    `points`: positions of the elements' nodes (e x n x 3), m; of either orientation, but nowhere singular.
     """
     J = jacobians(element, points)
     weights = np.abs(np.linalg.det(J)) * element.rule.weights
@@ -142,12 +128,7 @@ def integrated(element: _SolidElement, points: Array) -> _Integrated:
 def stiffness(strain: Array, first: Array, shear: Array) -> Array:
     """Return the stiffness (e x n x 3 x n x 3) of isotropic elements.
 
-    Parameters
-    ----------
-    strain
-        As of `_Integrated`.
-    first, shear
-        Lamé's constants of each element (e), Pa.
+    `strain`: as of `_Integrated`; `first`, `shear`: Lamé's constants of each element (e), Pa.
     """
     mu = shear[:, None, None, None, None]
     total = first[:, None, None, None, None] * strain + mu * strain.transpose(0, 1, 4, 3, 2)

@@ -31,20 +31,9 @@ class Block(NamedTuple):
 class SolidMesh:
     """A mesh of solid elements.
 
-    Parameters
-    ----------
-    numbers
-        Numbers of the nodes (N).
-    xyz
-        Positions of the nodes (N x 3), m.
-    blocks
-        The elements.
-    groups
-        Named groups of elements: for each block the places of its elements in the group.
-    sets
-        Named sets of nodes, as places.
-    doubts
-        What may be wrong with the mesh, a sentence each.
+    `numbers`: numbers of the nodes (N); `xyz`: positions of the nodes (N x 3), m; `blocks`: the elements;
+    `groups`: named groups of elements: for each block the places of its elements in the group; `sets`: named
+    sets of nodes, as places; `doubts`: what may be wrong with the mesh, a sentence each.
     """
 
     numbers: tuple[int, ...]
@@ -58,12 +47,8 @@ class SolidMesh:
 class _Surface(NamedTuple):
     """Properties of a mesh that its faces show.
 
-    Parameters
-    ----------
-    edges
-        Edges of the outer faces, between corners (places, m x 2).
-    parts
-        Of each element, block by block, the part that it belongs to: elements of a part are joined by faces.
+    `edges`: edges of the outer faces, between corners (places, m x 2); `parts`: of each element, block by
+    block, the part that it belongs to: elements of a part are joined by faces.
     """
 
     edges: Places
@@ -75,10 +60,7 @@ def check_elements(mesh: SolidMesh) -> None:
 
     Elements that all have the opposite orientation, as in a mirrored mesh, are as good.
 
-    Raises
-    ------
-    UsageError
-        Naming the nodes of the first.
+    Raises UsageError naming the nodes of the first.
     """
     orders = {ELEMENTS[block.kind].order for block in mesh.blocks if len(block.cells)}
     if len(orders) > 1:
@@ -122,10 +104,7 @@ def _refuse(mesh: SolidMesh, block: Block, at: int, what: str) -> None:
 def surface(mesh: SolidMesh) -> _Surface:
     """Return the edges of a mesh's surface, and its parts.
 
-    Raises
-    ------
-    UsageError
-        If more than two elements share a face.
+    Raises UsageError if more than two elements share a face.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components  # heavy imports, for meshes only

@@ -334,10 +334,8 @@ def _uncarried(
 ) -> set[tuple[int, str]]:
     """Return the rotations that nothing carries, and refuse loose nodes.
 
-    Raises
-    ------
-    UsageError
-        If a node belongs to no member, or rotates freely about an axis that is no basic direction.
+    Raises UsageError if a node belongs to no member, or rotates freely about an axis that is no basic
+    direction.
     """
     size = np.zeros((count, 2))
     for piece in pieces:

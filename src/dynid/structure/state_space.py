@@ -56,23 +56,10 @@ def state_space(M: Array, C: Array, K: Array, forces: Array, outputs: Array, ord
 
     The states are [x, x'] where the mass is positive definite, else those of `_MassDirections.states`.
 
-    Parameters
-    ----------
-    M, C, K
-        Mass (symmetric), damping and stiffness (n x n).
-    forces
-        Force directions (n x inputs).
-    outputs
-        Displacement rows (outputs x n).
-    orders
-        Derivative order of each output: 0 displacement, 1 velocity, 2 acceleration.
-
-    Raises
-    ------
-    Singular
-        If a motion has no inertia, damping or stiffness.
-    UsageError
-        If mass or damping is indefinite in a massless direction.
+    `M`, `C`, `K`: mass (symmetric), damping and stiffness (n x n); `forces`: force directions (n x inputs);
+    `outputs`: displacement rows (outputs x n); `orders`: derivative order of each output: 0 displacement, 1
+    velocity, 2 acceleration. Raises Singular if a motion has no inertia, damping or stiffness, and UsageError
+    if mass or damping is indefinite in a massless direction.
     """
     order = np.asarray(orders, dtype=int)[:, None]
     if massless_motion(M):
@@ -138,15 +125,8 @@ def _with_massless(
 def massless_directions(M: Array, C: Array) -> _MassDirections:
     """Return the directions with mass, with a damper alone, and with neither.
 
-    Parameters
-    ----------
-    M, C
-        Mass (n x n), symmetric, and damping, whose rows of DOFs with prescribed motion may be zero.
-
-    Raises
-    ------
-    UsageError
-        If mass or damping is indefinite in a massless direction.
+    `M`, `C`: mass (n x n), symmetric, and damping, whose rows of DOFs with prescribed motion may be zero.
+    Raises UsageError if mass or damping is indefinite in a massless direction.
     """
     R, N = _range_and_null(M, "mass")
     kept, empty = _range_and_null(N.T @ C @ N, "damping")
@@ -209,19 +189,9 @@ def without_massless(model: StructuralModel, dofs: Sequence[Label]) -> Structura
 
     This is exact where only known springs act on them, and they are neither loaded nor measured.
 
-    Parameters
-    ----------
-    model
-        The structure; one without massless DOFs is returned as it is.
-    dofs
-        DOFs of loads and sensors.
-
-    Raises
-    ------
-    UsageError
-        If a massless DOF is damped, loaded, measured, or an unknown parameter acts on it.
-    Singular
-        If one can move without strain.
+    `model`: the structure; one without massless DOFs is returned as it is; `dofs`: DOFs of loads and sensors.
+    Raises UsageError if a massless DOF is damped, loaded, measured, or an unknown parameter acts on it, and
+    Singular if one can move without strain.
     """
     M, C, _ = model.with_known_joints()
     empty = massless(M)

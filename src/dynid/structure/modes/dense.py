@@ -24,12 +24,8 @@ def eigenpairs(pencil: Pencil) -> tuple[Array, Array, int]:
 
     Directions without mass follow the others without inertia: they are condensed exactly.
 
-    Raises
-    ------
-    Singular
-        If a motion has neither inertia nor strain energy.
-    UsageError
-        If the mass is indefinite.
+    Raises Singular if a motion has neither inertia nor strain energy, and UsageError if the mass is
+    indefinite.
     """
     K, M = np.asarray(pencil.K), np.asarray(pencil.M)
     back, K, M = condense_massless(K, M, pencil.without_mass)

@@ -32,29 +32,16 @@ def largest(
 ) -> tuple[Array, Array]:
     """Return eigenpairs of ``A^-1 M x = theta x``, those with the largest absolute theta.
 
-    Parameters
-    ----------
-    solve
-        Solves with A (n x n, symmetric).
-    M
-        Mass, positive semidefinite; its null space, of infinite modes, is never entered.
-    count
-        How many are wanted, known ones included.
-    rng
-        Where start vectors are drawn from.
-    start_pairs
-        Eigenpairs already found, of unit modal mass; the iteration goes on beside them.
+    `solve`: solves with A (n x n, symmetric); `M`: mass, positive semidefinite; its null space, of infinite
+    modes, is never entered; `count`: how many are wanted, known ones included; `rng`: where start vectors are
+    drawn from; `start_pairs`: eigenpairs already found, of unit modal mass; the iteration goes on beside
+    them. Raises Diverged if they do not converge.
 
     Returns
     -------
     theta, X
         Eigenvalues and eigenvectors (n x pairs) of unit modal mass; fewer than `count` only if there are no
         more. Of a multiple eigenvalue copies may be missing.
-
-    Raises
-    ------
-    Diverged
-        If they do not converge.
     """
     held = 0 if start_pairs is None else len(start_pairs[0])
     basis = _Basis(solve, M, held + max(2 * count, count + 30), rng)

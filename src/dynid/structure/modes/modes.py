@@ -73,12 +73,8 @@ class Modes(NamedTuple):
     def within(self, K: Matrix, shapes: Array) -> Modes:
         """Return the modes of a reduced model, open by the rounding of the structure's stiffness too.
 
-        Parameters
-        ----------
-        K
-            Stiffness of the structure that was reduced, joints included (N x N).
-        shapes
-            These modes' shapes in its DOFs (N x modes).
+        `K`: stiffness of the structure that was reduced, joints included (N x N); `shapes`: these modes'
+        shapes in its DOFs (N x modes).
         """
         total_energy = np.einsum("im,im->m", np.abs(shapes), times(absolute(K), np.abs(shapes)))
         more = _uncertainty(
@@ -122,23 +118,10 @@ def finished(
 ) -> Modes:
     """Return modes from scaled eigenpairs: sorted, normed and checked.
 
-    Parameters
-    ----------
-    pencil
-        The scaled stiffness and mass.
-    C
-        Damping, not scaled.
-    square, shapes
-        Eigenvalues and scaled eigenvectors of unit modal mass.
-    massless, counted, method
-        As of `Modes`; `counted` is an eigenvalue here.
-
-    Raises
-    ------
-    Singular
-        If the stiffness is indefinite beyond rounding, so that a frequency is imaginary.
-    NumericalError
-        If a residual is too large.
+    `pencil`: the scaled stiffness and mass; `C`: damping, not scaled; `square`, `shapes`: eigenvalues and
+    scaled eigenvectors of unit modal mass; `massless`, `counted`, `method`: as of `Modes`; `counted` is an
+    eigenvalue here. Raises Singular if the stiffness is indefinite beyond rounding, so that a frequency is
+    imaginary, and NumericalError if a residual is too large.
     """
     order = np.argsort(square, kind="stable")
     square, shapes = square[order], shapes[:, order]
@@ -182,12 +165,8 @@ def finished(
 def _uncertainty(omega: Array, open_to_zero: NDArray[np.bool_], total: Array, moving: Array) -> Array:
     """Return how far entries rounded by half a unit in the last place move the frequencies.
 
-    Parameters
-    ----------
-    omega, open_to_zero
-        The frequencies, and which of them may be zero.
-    total, moving
-        Strain and kinetic energies of the shapes of unit modal mass, summed without signs.
+    `omega`, `open_to_zero`: the frequencies, and which of them may be zero; `total`, `moving`: strain and
+    kinetic energies of the shapes of unit modal mass, summed without signs.
     """
     moved = _UNIT * total  # that part of the energies of a shape's parts moves omega^2
     elastic = moved / np.where(open_to_zero, 1.0, omega) + _UNIT * np.maximum(moving, 1.0) * omega
@@ -199,15 +178,9 @@ def _refined(
 ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return eigenvalues, of soft motions by exact sums of energy; and the rigid and undecided ones.
 
-    Parameters
-    ----------
-    pencil, square, shapes
-        As of `finished`, ascending.
-    total
-        The parts that each strain energy is a sum of, without their signs.
-    still
-        Which modes have a strain energy that is rounding: rigid-body motions if the elastic modes are far, or
-        if nothing at all holds them (an eigenvalue of 0).
+    `pencil`, `square`, `shapes`: as of `finished`, ascending; `total`: the parts that each strain energy is a
+    sum of, without their signs; `still`: which modes have a strain energy that is rounding: rigid-body
+    motions if the elastic modes are far, or if nothing at all holds them (an eigenvalue of 0).
     """
     better, may_be = np.where(still, 0.0, square), _ROUNDING * total
     elastic = float(square[~still].min()) if not still.all() else 0.0

@@ -58,12 +58,8 @@ _LEAST_SHIFT = 1e-10
 def scaled(K: Matrix, M: Matrix) -> Pencil:
     """Scale stiffness and mass.
 
-    Raises
-    ------
-    UsageError
-        If a diagonal entry is negative, or entries are not finite.
-    Singular
-        If a DOF has neither mass nor stiffness.
+    Raises UsageError if a diagonal entry is negative, or entries are not finite, and Singular if a DOF has
+    neither mass nor stiffness.
     """
     for matrix in (K, M):
         finite("a structural matrix", matrix.data if is_sparse(matrix) else as_array(matrix))
@@ -132,10 +128,7 @@ class StrainEnergy:
     Where x is an eigenvector to working precision, the rest of the error is quadratic in x's: what is left
     is the rounding of the entries of K alone.
 
-    Parameters
-    ----------
-    K
-        Stiffness (n x n), dense or sparse, scaled to where products neither overflow nor underflow.
+    `K`: stiffness (n x n), dense or sparse, scaled to where products neither overflow nor underflow.
     """
 
     def __init__(self, K: Matrix) -> None:

@@ -74,12 +74,8 @@ class SparseSpectrum:
 
         There may be some more than asked for.
 
-        Raises
-        ------
-        UsageError
-            If there are not so many finite ones.
-        NumericalError
-            If modes stay missing, or cannot be counted.
+        Raises UsageError if there are not so many finite ones, and NumericalError if modes stay missing, or
+        cannot be counted.
         """
         self._extend(count + _SPARE)
         if len(self.square) <= _RIGID_BODY_MODES and self.square.max(initial=0.0) < self._shift:
@@ -93,10 +89,7 @@ class SparseSpectrum:
     def below(self, limit: float) -> tuple[Array, Array, float]:
         """Return all pairs below a limit, and the limit, nudged if it hits an eigenvalue.
 
-        Raises
-        ------
-        NumericalError
-            If modes stay missing, or cannot be counted.
+        Raises NumericalError if modes stay missing, or cannot be counted.
         """
         self._first_shift = min(limit, self.pencil.shift)  # from far below, all of them would look alike
         count, limit = self._count(limit)
@@ -228,21 +221,10 @@ def _stay_missing(backend: str) -> NumericalError:
 def negative_eigenvalues(A: Matrix, backend: str = "splu", order: Order | None = None) -> int:
     """Return the number of negative eigenvalues of a symmetric matrix.
 
-    Parameters
-    ----------
-    A
-        The matrix (n x n), dense (Bunch–Kaufman pivots) or sparse (the backend's pivots).
-    backend
-        The factorisation backend of sparse matrices, one that takes indefinite ones.
-    order
-        A good order of elimination (n) where one is known.
-
-    Raises
-    ------
-    Singular
-        If a pivot is zero to rounding.
-    NumericalError
-        If the sparse pivots are not conclusive and the matrix is too large for dense ones.
+    `A`: the matrix (n x n), dense (Bunch–Kaufman pivots) or sparse (the backend's pivots); `backend`: the
+    factorisation backend of sparse matrices, one that takes indefinite ones; `order`: a good order of
+    elimination (n) where one is known. Raises Singular if a pivot is zero to rounding, and NumericalError if
+    the sparse pivots are not conclusive and the matrix is too large for dense ones.
     """
     if not is_sparse(A):
         return _negatives_dense(np.asarray(A))
@@ -284,27 +266,15 @@ def eigenvalues_below(
 ) -> tuple[int, float]:
     """Count the eigenvalues of ``K phi = lambda M phi`` below a value.
 
-    Parameters
-    ----------
-    K, M
-        Stiffness and mass (n x n), symmetric, scaled to entries of like size; M positive semidefinite.
-    value
-        The value.
-    backend
-        As of `negative_eigenvalues`.
-    order
-        A good order of elimination (n) where one is known.
+    `K`, `M`: stiffness and mass (n x n), symmetric, scaled to entries of like size; M positive semidefinite;
+    `backend`: as of `negative_eigenvalues`; `order`: a good order of elimination (n) where one is known.
+    Raises NumericalError if no pivots are conclusive.
 
     Returns
     -------
     count, value
         The count, and the value it is for: up to 1e-8 higher where the one given hits an eigenvalue or its
         pivots are not conclusive.
-
-    Raises
-    ------
-    NumericalError
-        If no pivots are conclusive.
     """
     for nudge in _NUDGES:
         nudged = value + nudge * abs(value)

@@ -88,22 +88,10 @@ class CheckedSolver(NamedTuple):
 def solver(matrix: Matrix, what: str, remedy: str, size: Array | None = None) -> CheckedSolver:
     """Factorise a symmetric matrix; return a solver that checks every solution.
 
-    Parameters
-    ----------
-    matrix
-        The matrix (s x s), dense or sparse; it is scaled to a diagonal of about 1, or by `size`, with powers
-        of two, which round nothing.
-    what
-        The clause that names the fault if it is singular.
-    remedy
-        The remedy then.
-    size
-        The sizes of its diagonal entries (s), where these are differences.
-
-    Raises
-    ------
-    Singular
-        If it is singular to working precision.
+    `matrix`: the matrix (s x s), dense or sparse; it is scaled to a diagonal of about 1, or by `size`, with
+    powers of two, which round nothing; `what`: the clause that names the fault if it is singular; `size`: the
+    sizes of its diagonal entries (s), where these are differences. Raises Singular if it is singular to
+    working precision.
     """
     if not matrix.shape[0]:
         return CheckedSolver(lambda right: right, 1.0)
@@ -177,10 +165,7 @@ class OnMasters:
     def partition(self, model: StructuralModel) -> Partition:
         """Cut a structure at the masters.
 
-        Raises
-        ------
-        UsageError
-            If masters do not exist or stand twice.
+        Raises UsageError if masters do not exist or stand twice.
         """
         return Partition.at(masters_alone(model, self.masters, self.interest), model.size)
 

@@ -37,14 +37,9 @@ _ONE_BY_ONE = SINGLE_MASTERS.value
 class Masters:
     """A rule to choose masters by.
 
-    Parameters
-    ----------
-    count
-        Their number; default: one a mode.
-    choose
-        ``qr``: column-pivoted QR of the mode matrix's rows; ``effective-independence``: drop the DOFs that
-        add least to the modes' information (Kammer); ``mass``: the largest diagonal masses, which often
-        see the modes badly and are there for comparison.
+    `count`: their number; default: one a mode; `choose`: ``qr``: column-pivoted QR of the mode matrix's rows;
+    ``effective-independence``: drop the DOFs that add least to the modes' information (Kammer); ``mass``: the
+    largest diagonal masses, which often see the modes badly and are there for comparison.
     """
 
     count: int | None = None
@@ -64,21 +59,8 @@ class Masters:
 def chosen(choose: Choice, count: int, shapes: Array, mass: Array) -> Indices:
     """Return the indices of `count` DOFs, ascending.
 
-    Parameters
-    ----------
-    choose
-        The rule, as of `Masters`.
-    count
-        How many.
-    shapes
-        The modes to be seen (n x r); `mass` needs none.
-    mass
-        Diagonal of the mass matrix (n).
-
-    Raises
-    ------
-    UsageError
-        If there are not that many DOFs.
+    `choose`: the rule, as of `Masters`; `count`: how many; `shapes`: the modes to be seen (n x r); `mass`
+    needs none; `mass`: diagonal of the mass matrix (n). Raises UsageError if there are not that many DOFs.
     """
     if count > len(mass):
         raise UsageError(
@@ -101,12 +83,7 @@ def chosen(choose: Choice, count: int, shapes: Array, mass: Array) -> Indices:
 def completed(masters: Indices, shapes: Array) -> Indices:
     """Add DOFs to the given ones, by pivoted QR of what these do not see of the modes, until all are seen.
 
-    Parameters
-    ----------
-    masters
-        Indices of the DOFs taken for granted.
-    shapes
-        The modes (n x r).
+    `masters`: indices of the DOFs taken for granted; `shapes`: the modes (n x r).
     """
     _, s, Vt = np.linalg.svd(shapes[masters])
     typical = float(np.abs(shapes).max(axis=0, initial=0.0).min(initial=np.inf))
@@ -162,10 +139,7 @@ def _dropped_singly(kept: Indices, count: int, Q: Array) -> Indices:
 def indices_of(model: StructuralModel, dofs: Sequence[Label], key: str = "masters") -> Indices:
     """Return the indices of DOFs given by their labels under a key of a scene, by default masters.
 
-    Raises
-    ------
-    UsageError
-        If a DOF is named twice or does not exist, or none is named.
+    Raises UsageError if a DOF is named twice or does not exist, or none is named.
     """
     try:
         indices = [model.index(dof) for dof in dofs]
@@ -182,24 +156,13 @@ def indices_of(model: StructuralModel, dofs: Sequence[Label], key: str = "master
 def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters: Sequence[Label]) -> float:
     """Return the condition of the modes at the masters.
 
-    Parameters
-    ----------
-    seen
-        The modes at the masters, U_m (m x r), normed to unit modal mass.
-    share
-        The same, in units in which all DOFs compare, as parts of whole modes of length 1.
-    numbers
-        The modes' numbers (r).
-    masters
-        The masters' labels (m).
+    `seen`: the modes at the masters, U_m (m x r), normed to unit modal mass; `share`: the same, in units in
+    which all DOFs compare, as parts of whole modes of length 1; `numbers`: the modes' numbers (r); `masters`:
+    the masters' labels (m).
 
-    Raises
-    ------
-    UsageError
-        If there are more modes than masters.
-    Singular
-        If a mode is invisible at the masters: the condition, or the length of what is seen of the mode
-        below that of the whole, is beyond 1/sqrt(eps).
+    Raises UsageError if there are more modes than masters, and Singular if a mode is invisible at the
+    masters: the condition, or the length of what is seen of the mode below that of the whole, is beyond
+    1/sqrt(eps).
     """
     if len(numbers) > len(masters):
         raise UsageError(
@@ -237,17 +200,9 @@ def masters_for_modes(
 ) -> Indices:
     """Return masters at which these modes are observable.
 
-    Parameters
-    ----------
-    model
-        The full structure.
-    masters
-        Labels, or a rule to choose by. Default: the DOFs of joints, sensors and loads, and as many others as
-        it takes to see all the modes.
-    interest
-        The DOFs of sensors and loads.
-    shapes, mass
-        The modes (n x r), and the diagonal of the mass matrix (n).
+    `masters`: labels, or a rule to choose by. Default: the DOFs of joints, sensors and loads, and as many
+    others as it takes to see all the modes. `interest`: the DOFs of sensors and loads; `shapes`, `mass`: the
+    modes (n x r), and the diagonal of the mass matrix (n).
     """
     if masters is None:
         return completed(interesting(model, interest), shapes)
@@ -263,10 +218,7 @@ def masters_alone(
 
     Default: the DOFs of joints, sensors and loads. A rule to choose by looks at `modes_to_see`.
 
-    Raises
-    ------
-    UsageError
-        If neither masters nor their number are known.
+    Raises UsageError if neither masters nor their number are known.
     """
     if isinstance(choice, Masters):
         shapes = np.empty((model.size, 0))

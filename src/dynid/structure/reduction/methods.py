@@ -107,13 +107,8 @@ class PartReduction:
 class ReductionByParts:
     """Reduction of the parts of an assembly; masters are by default the ends of joints, sensors and loads.
 
-    Parameters
-    ----------
-    parts
-        By the name of each part its reduction; a full part has None. One part of the name ``""`` is the
-        whole structure.
-    interest
-        Purpose of the model.
+    `parts`: by the name of each part its reduction; a full part has None. One part of the name ``""`` is the
+    whole structure. `interest`: purpose of the model.
     """
 
     parts: Mapping[str, PartReduction | None]
@@ -277,13 +272,8 @@ def _cut(model: StructuralModel, places: Indices) -> StructuralModel:
 def _with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tuple[StructuralModel, Any]:
     """Return a structure in which motions are DOFs, and the DOFs that it had by those (n x n).
 
-    Parameters
-    ----------
-    model
-        The structure.
-    rows
-        By label the weights (n) of motions; DOFs of the structure among them stay DOFs. A motion that is a
-        sum of others is left out.
+    `rows`: by label the weights (n) of motions; DOFs of the structure among them stay DOFs. A motion that is
+    a sum of others is left out.
 
     Returns
     -------

@@ -29,12 +29,7 @@ to 3 % with modes up to twice that, and to a half with five times.
 class ModeRange:
     """The lowest modes: so many, or all below a frequency.
 
-    Parameters
-    ----------
-    count
-        Their number, rigid-body modes included.
-    below
-        The highest frequency, rad/s.
+    `count`: their number, rigid-body modes included; `below`: the highest frequency, rad/s.
     """
 
     count: int | None = None
@@ -55,12 +50,8 @@ class ModeRange:
 class Interest:
     """Purpose of a reduced model, from which masters and modes are chosen where none are given.
 
-    Parameters
-    ----------
-    dofs
-        DOFs of sensors and loads; those of the joints are always of interest.
-    band
-        The highest frequency of excitation or response, rad/s.
+    `dofs`: DOFs of sensors and loads; those of the joints are always of interest; `band`: the highest
+    frequency of excitation or response, rad/s.
     """
 
     dofs: tuple[Label, ...] = ()
@@ -91,17 +82,9 @@ class SelectedModes(NamedTuple):
 def selected(matrices: tuple[Matrix, Matrix, Matrix], requested: Sequence[int] | ModeRange) -> SelectedModes:
     """Compute the modes asked for.
 
-    Parameters
-    ----------
-    matrices
-        M, C, K of the structure that they are of.
-    requested
-        Numbers, from 1 upwards in frequency, rigid-body modes included; or the lowest ones.
-
-    Raises
-    ------
-    UsageError
-        If a number stands twice or there are not so many modes.
+    `matrices`: M, C, K of the structure that they are of; `requested`: numbers, from 1 upwards in frequency,
+    rigid-body modes included; or the lowest ones. Raises UsageError if a number stands twice or there are not
+    so many modes.
     """
     if isinstance(requested, ModeRange):
         result = modes(*matrices, count=requested.count, below=requested.below)
@@ -131,14 +114,8 @@ def wanted_modes(
 ) -> Sequence[int] | ModeRange:
     """Return the modes to keep; where none are given one a master, else those of the band.
 
-    Parameters
-    ----------
-    modes
-        The modes asked for.
-    interest
-        Purpose of the model.
-    masters
-        The number of masters, if that is fixed.
+    `modes`: the modes asked for; `interest`: purpose of the model; `masters`: the number of masters, if that
+    is fixed.
     """
     if modes is not None:
         return modes

@@ -76,16 +76,8 @@ def projected(
     precision. Rigid-body motions stay such in the reduced model, where the size of that sum is not known any
     more.
 
-    Parameters
-    ----------
-    model
-        The full structure.
-    T
-        The basis (n x r).
-    names
-        Labels of the coordinates (r).
-    rigid
-        Those in which the structure with its joints moves as a rigid body.
+    `T`: the basis (n x r); `names`: labels of the coordinates (r); `rigid`: those in which the structure with
+    its joints moves as a rigid body.
     """
     reduced = model.projected(T, names, rigid)
     K = without_rounding(projected_stiffness(T, model.K), T, model.K)
@@ -136,12 +128,8 @@ def cancellation(masters: Array, square: Array) -> tuple[Array, Array]:
     By that factor the terms of a mode's energies exceed these in the masters' displacements; it is infinite,
     and the coordinates are not finite, where the masters do not determine the modes.
 
-    Parameters
-    ----------
-    masters
-        The masters' displacements (m x m) in the modes of unit modal mass; or a stack of them.
-    square
-        The squared frequencies (m).
+    `masters`: the masters' displacements (m x m) in the modes of unit modal mass; or a stack of them;
+    `square`: the squared frequencies (m).
     """
     try:
         inverse = np.asarray(np.linalg.inv(masters), dtype=np.float64)

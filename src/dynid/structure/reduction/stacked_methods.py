@@ -49,18 +49,10 @@ _MIN_OUTSIDE = 1e-9
 class StackedReduction:
     """Reductions of structures by one method.
 
-    Attributes
-    ----------
-    T
-        The bases (s x n x r).
-    bare, jointed
-        The reduced matrices without and with joints (s x r x r).
-    numbers
-        Numbers of the full modes that the reduced ones stand for.
-    sure
-        Which structures have the usual case (s).
-    condition
-        Returns the condition of the inverted matrix (s); None for a method that inverts none.
+    `T`: the bases (s x n x r); `bare`, `jointed`: the reduced matrices without and with joints (s x r x r);
+    `numbers`: numbers of the full modes that the reduced ones stand for; `sure`: which structures have the
+    usual case (s); `condition`: returns the condition of the inverted matrix (s); None for a method that
+    inverts none.
     """
 
     T: Array
@@ -304,16 +296,8 @@ def compared(
 ) -> tuple[dict[str, Array], Sure]:
     """Return the arrays of a comparison by their names in `structure.reduction_comparison`, and where sure.
 
-    Parameters
-    ----------
-    jointed
-        The full structures with joints.
-    reduction
-        The reductions.
-    names
-        The requested arrays.
-    energies
-        Returns what their `energy_error` needs.
+    `jointed`: the full structures with joints; `names`: the requested arrays; `energies`: returns what their
+    `energy_error` needs.
     """
     modes = reduction.jointed.modes(reduction.T.shape[2])
     reference = jointed.modes(max(reduction.numbers)).numbered(reduction.numbers)
