@@ -130,14 +130,9 @@ class GaussianPosterior:
     ) -> ConfidenceBand:
         """Return the bands of quantities.
 
-        Parameters
-        ----------
-        value, slopes
-            The quantities at the mean (m), and their derivatives by the coordinates (m x p), not finite where
-            there are none.
-        at
-            Returns the quantities of some places at other coordinates (S x p), a row each. NaN where they
-            do not exist.
+        `value`, `slopes`: the quantities at the mean (m), and their derivatives by the coordinates (m x p),
+        not finite where there are none; `at`: returns the quantities of some places at other coordinates (S
+        x p), a row each. NaN where they do not exist.
         """
         usable = np.isfinite(slopes).all(axis=1)
         linear = self.axes @ np.where(np.isfinite(slopes), slopes, 0.0).T
@@ -481,10 +476,7 @@ class DerivedQuantities:
     def response(self, omega: Array, pair: Pair) -> tuple[ConfidenceBand, ConfidenceBand]:
         """Return magnitude and phase (rad) of a frequency response at lines (L) with their bands.
 
-        Raises
-        ------
-        Singular
-            If a line lies on an undamped pole, to rounding.
+        Raises Singular if a line lies on an undamped pole, to rounding.
         """
         pairs, lines = [(pair.channel, pair.load)], len(omega)
         H, slopes = self.system.paired_response(self.posterior.values(self.posterior.eta), omega, pairs)

@@ -211,14 +211,13 @@ def _settled(
     *,
     suggest: bool,
 ) -> tuple[Posterior, Model]:
-    """Return the posterior of an estimate from coordinates (p), and the model at the end.
-
-    With `rebuild`, estimate and reduced basis are computed in turn until the estimate settles. A search from
-    several starts is made once. Of records of time it comes first: it finds the neighbourhood of the optimum,
-    which the later models share. Of frequency responses it comes last, if the residuals still require it:
-    those of a basis that does not follow the parameters yet need not be white, and a better basis may make
-    the search needless. The samples at which every input is known follow delays as they are estimated.
-    """
+    """Return the posterior of an estimate from coordinates (p), and the model at the end."""
+    # With `rebuild`, estimate and reduced basis are computed in turn until the estimate settles. A search
+    # from several starts is made once. Of records of time it comes first: it finds the neighbourhood of the
+    # optimum, which the later models share. Of frequency responses it comes last, if the residuals still
+    # require it: those of a basis that does not follow the parameters yet need not be white, and a better
+    # basis may make the search needless. The samples at which every input is known follow delays as they are
+    # estimated.
     values = [record.full_data for record in likelihood.records]
     search_last = isinstance(likelihood, FrfLikelihood)
     here, most_rounds = estimator, _MAX_REBUILDS
@@ -269,10 +268,8 @@ def _rebuilt(rebuild: Rebuild, fixed: Mapping[str, float], values: Mapping[str, 
 
 
 def _undetermined(posterior: Posterior) -> dict[str, float]:
-    """Return the parameter that the records determine least, if that is not at all, with a value for it.
-
-    None where the records have no response, or where no other parameter would be left.
-    """
+    """Return the parameter that the records determine least, if that is not at all, with a value for it."""
+    # None where the records have no response, or where no other parameter would be left.
     unknown, likelihood = posterior.unknown, posterior.likelihood
     left = ~(unknown | likelihood.priors.fixed)
     if not (unknown.any() and left.any() and posterior.comparison.has_signal):
@@ -380,10 +377,8 @@ def _with(estimator: Any, **options: bool) -> Any:
 
 
 def _continued(before: Posterior, likelihood: Likelihood, now: Estimate) -> Estimate:
-    """Return an estimate with the stages and histories of the one before it, which had another model.
-
-    Histories are converted to the units of the new states; they are left out where the states are others.
-    """
+    """Return an estimate with the stages and histories of the one before it, which had another model."""
+    # Histories are converted to the units of the new states; they are left out where the states are others.
     old = before.estimate
     stages = [*old.stages, *now.stages]
     if isinstance(likelihood, FrfLikelihood):

@@ -90,16 +90,11 @@ def collinear_groups(
 ) -> list[_CollinearGroup]:
     """Return the groups of parameters that cannot be distinguished.
 
-    Parameters
-    ----------
-    names, values, rates
-        The parameters, and the derivatives of their values by their coordinates (p).
-    sensitivity
-        Of the record to their coordinates, over noise and free of the initial state (rows x p), rows at least
-        as many as parameters. Columns of zeros are left out: these parameters form no group.
-    level
-        Directions with singular values below this part of the largest, columns scaled to one length, are
-        blind.
+    `names`, `values`, `rates`: the parameters, and the derivatives of their values by their coordinates (p);
+    `sensitivity`: of the record to their coordinates, over noise and free of the initial state (rows x p),
+    rows at least as many as parameters. Columns of zeros are left out: these parameters form no group.
+    `level`: directions with singular values below this part of the largest, columns scaled to one length,
+    are blind.
     """
     size = np.linalg.norm(sensitivity, axis=0)
     there = np.flatnonzero(size > 0)
@@ -163,11 +158,9 @@ def _combination(names: Sequence[str], values: Array, gradient: Array) -> str:
 
 
 def _invariants(names: Sequence[str], relative: Array) -> str:
-    """Return the products of powers that do not change where parameters change by these relative amounts.
-
-    One for each parameter but the last of those that change least; empty where the exponents are no simple
-    fractions.
-    """
+    """Return the products of powers that do not change where parameters change by these relative amounts."""
+    # One for each parameter but the last of those that change least; empty where the exponents are no simple
+    # fractions.
     changes = np.abs(relative)
     base = int(np.flatnonzero(changes <= changes.min() * (1 + _EQUAL_COEFFICIENTS))[-1])
     products = []
@@ -218,10 +211,7 @@ class Information:
     def check(self) -> None:
         """Refuse parameters that are not identifiable from the record.
 
-        Raises
-        ------
-        NotIdentifiable
-            Naming them.
+        Raises NotIdentifiable, naming them.
         """
         if self.freedom < len(self.names):
             raise _refusal(
@@ -348,19 +338,9 @@ def information(
 ) -> Information:
     """Collect the information of a record.
 
-    Parameters
-    ----------
-    names
-        The parameters (p).
-    by_parameter, by_state
-        Sensitivities over noise, or a triangle of them (rows x p, rows x n), the states in the units of their
-        prior.
-    signal
-        Norm of the predicted values over noise.
-    count
-        How many values there are.
-    values, rates, observed
-        As of `Information`.
+    `names`: the parameters (p); `by_parameter`, `by_state`: sensitivities over noise, or a triangle of them
+    (rows x p, rows x n), the states in the units of their prior. `signal`: norm of the predicted values over
+    noise; `count`: how many values there are. `values`, `rates`, `observed`: as of `Information`.
     """
     projected, rank_of_state = without_state(by_parameter, by_state)
     total = np.linalg.norm(by_parameter, axis=0)

@@ -45,11 +45,9 @@ def thin_svd(matrix: Array) -> tuple[Array, Array, Array]:
 
 
 def _tall_qr(matrix: Array) -> tuple[Array, Array]:
-    """Factorise a tall matrix block by block, then the blocks' triangles (as stable as in one go).
-
-    The blocks are small enough for one thread: on a busy machine, waiting for the others costs far more
-    than they save. J. Demmel et al., SIAM J. Sci. Comput. 34 (2012) A206–A239.
-    """
+    """Factorise a tall matrix block by block, then the blocks' triangles (as stable as in one go)."""
+    # The blocks are small enough for one thread: on a busy machine, waiting for the others costs far more
+    # than they save. J. Demmel et al., SIAM J. Sci. Comput. 34 (2012) A206–A239.
     rows, columns = matrix.shape
     height = _BLOCK_ASPECT * columns
     if rows <= height:
@@ -64,10 +62,7 @@ def _tall_qr(matrix: Array) -> tuple[Array, Array]:
 def triangular_factors(rows: Array) -> Array:
     """Return triangles (channels x w x w) whose products with their transposes are those of the rows.
 
-    Parameters
-    ----------
-    rows
-        Rows of each channel (times x channels x w).
+    `rows`: rows of each channel (times x channels x w).
     """
     return np.stack([_triangle(rows[:, channel]) for channel in range(rows.shape[1])])
 

@@ -64,10 +64,7 @@ class SharedRecords:
     ) -> SharedRecords:
         """Simulate the records without noise; `same`: build also the models, which are the same in all.
 
-        Raises
-        ------
-        DynidError
-            As of `identify`.
+        Raises DynidError as of `identify`.
         """
         with guarded("what the records share"):
             clean = [
@@ -158,10 +155,7 @@ class Problem:
     def likelihood_of(self, model: Model, values: Sequence[RecordData]) -> Likelihood:
         """Return the likelihood of values of the measurements with another model; a survey has its own.
 
-        Raises
-        ------
-        UsageError
-            If there is more to solve than can be.
+        Raises UsageError if there is more to solve than can be.
         """
         pairs = zip(self.measurements, values, strict=True)
         records = tuple(self._record(model, measurement, record) for measurement, record in pairs)
@@ -201,13 +195,7 @@ class Problem:
 
 
 def _in_order(measurements: Measured | Sequence[Measured]) -> tuple[Measured, ...]:
-    """Return measurements with a modal survey last.
-
-    Raises
-    ------
-    UsageError
-        If there are none, or some that cannot stand together.
-    """
+    """Return measurements with a modal survey last."""
     if isinstance(measurements, Experiment | FrfMeasurement | ModalMeasurement):
         measurements = (measurements,)
     if not measurements:
@@ -282,10 +270,7 @@ def identifiable_origin(likelihood: Likelihood) -> Origin:
 
     So do equal starts of interchangeable parameters, which are a stationary point between two optima.
 
-    Raises
-    ------
-    NotIdentifiable
-        If the records determine no parameter.
+    Raises NotIdentifiable if the records determine no parameter.
     """
     eta, unknowns = starts(likelihood.unknowns), likelihood.unknowns
     rms = [record.data.rms for record in likelihood.records]

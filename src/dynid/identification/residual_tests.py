@@ -90,12 +90,8 @@ def is_coloured(whiteness_p: float) -> bool:
 def is_optimal(step: Array, deviations: Array) -> bool:
     """Return True if an estimate is at the optimum of the record.
 
-    Parameters
-    ----------
-    step
-        The Gauss–Newton step left, in coordinates (p).
-    deviations
-        Standard errors of the coordinates (p).
+    `step`: the Gauss–Newton step left, in coordinates (p); `deviations`: standard errors of the coordinates
+    (p).
     """
     return bool(np.all(np.abs(step) <= np.maximum(_OPTIMAL_STEP_DEVIATIONS * deviations, _RELATIVE_STEP_TOL)))
 
@@ -103,12 +99,8 @@ def is_optimal(step: Array, deviations: Array) -> bool:
 def is_explained(residual_ratio: Array, whiteness_p: float) -> bool:
     """Return True if residuals are small, or white noise.
 
-    Parameters
-    ----------
-    residual_ratio
-        RMS of residuals over that of measured values (channels).
-    whiteness_p
-        p-value of the residuals' whiteness.
+    `residual_ratio`: RMS of residuals over that of measured values (channels); `whiteness_p`: p-value of the
+    residuals' whiteness.
     """
     return bool(np.all(residual_ratio <= _SMALL_RESIDUAL_RATIO)) or not is_coloured(whiteness_p)
 
@@ -253,18 +245,11 @@ class ResidualShape(NamedTuple):
 def noise_test(squares: Array, degrees: Array, robust: NDArray[np.bool_]) -> NoiseTest:
     """Return the two-sided chi-squared test of residuals against a given noise.
 
-    Parameters
-    ----------
-    squares
-        Sums of squared residuals over the given variance (channels), NaN where none is given.
-    degrees
-        Their degrees of freedom: values less those of the fit (channels). Channels without any are not
-        tested.
-    robust
-        Mask of channels whose `squares` are those of a median absolute deviation times `degrees` (channels).
+    `squares`: sums of squared residuals over the given variance (channels), NaN where none is given;
+    `degrees`: their degrees of freedom: values less those of the fit (channels). Channels without any are
+    not tested. `robust`: mask of channels whose `squares` are those of a median absolute deviation times
+    `degrees` (channels).
 
-    Notes
-    -----
     The sum over all channels and each channel by itself are tested; the p-value of all is the smallest of
     these times their number (Bonferroni), so that too small a noise in one channel does not mask too large a
     noise in another.
@@ -305,12 +290,7 @@ def robust_deviation(values: Array) -> Array:
 def residual_shape(residual: Array, level: float) -> ResidualShape | None:
     """Return the shape of a channel's residual (times, NaN where missing); None of too few or of zeros.
 
-    Parameters
-    ----------
-    residual
-        The residual.
-    level
-        p-value below which the largest sample is an outlier.
+    `level`: p-value below which the largest sample is an outlier.
     """
     unit = float(root_mean_square(residual[:, None])[0])
     there = ~np.isnan(residual)
@@ -359,10 +339,8 @@ def _tails(x: float) -> float:
 
 
 def _whitened(residual: Array) -> tuple[Array, float, int]:
-    """Return a whitened residual (times), what multiplies the deviation of its mean, and the order.
-
-    The variance of the mean of an autoregression is that of its innovations over (1 - sum a)^2 n.
-    """
+    """Return a whitened residual (times), what multiplies the deviation of its mean, and the order."""
+    # The variance of the mean of an autoregression is that of its innovations over (1 - sum a)^2 n.
     there = ~np.isnan(residual)
     n = int(np.count_nonzero(there))
     order = min(_WHITENING_ORDER, n // _PER_ORDER)

@@ -68,15 +68,9 @@ def chi_squared_tail(degrees: int, x: float) -> float:
 def log_f_tail(degrees: int, left: float, ratio: float) -> float:
     """Return the logarithm of the probability that Fisher's F exceeds a ratio.
 
-    Parameters
-    ----------
-    degrees, left
-        Degrees of freedom of numerator and denominator, above 0.
-    ratio
-        Mean square over mean square, not negative.
+    `degrees`, `left`: degrees of freedom of numerator and denominator, above 0; `ratio`: mean square over
+    mean square, not negative.
 
-    Notes
-    -----
     The regularised incomplete beta function I_x(left/2, degrees/2), x = left / (left + degrees ratio), by
     its continued fraction (DLMF 8.17.22) on the side where that converges fast.
     """

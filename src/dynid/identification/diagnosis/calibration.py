@@ -94,14 +94,8 @@ def calibration_slopes(
     each prior, and g those of prediction less measurement by a quantity: ``-(J^T W J)^-1 J^T W g``. The error
     is of the order of the residuals.
 
-    Parameters
-    ----------
-    likelihood, fit
-        The records and their fit.
-    noise
-        Deviations of the noise (channels) of each record.
-    held
-        Mask of parameters at a limit (p): these do not move.
+    `noise`: deviations of the noise (channels) of each record; `held`: mask of parameters at a limit (p):
+    these do not move.
     """
     fits = zip(likelihood.records, fit.parts, noise, strict=True)
     derivatives = [_derivatives(record, record_fit, level) for record, record_fit, level in fits]
@@ -181,11 +175,9 @@ def _of_record(record: TimeRecord, fit: RecordFit, noise: Array) -> _Calibration
 
 
 def _by_clock(record: TimeRecord, fit: RecordFit) -> Array | None:
-    """Return the derivative of the prediction by the relative error of the clock; None where unknown.
-
-    It is exact but for free motions, whose start moves with the clock: where inputs keep their own time, the
-    rate of the outputs times the time from the first sample; else a difference.
-    """
+    """Return the derivative of the prediction by the relative error of the clock; None where unknown."""
+    # It is exact but for free motions, whose start moves with the clock: where inputs keep their own time,
+    # the rate of the outputs times the time from the first sample; else a difference.
     model = record.model
     if not model.has_samples and model.sampling is None and not model.instruments.unknown_delays:
         passed = (model.times - model.times[0])[:, None]
@@ -201,11 +193,10 @@ def _by_clock(record: TimeRecord, fit: RecordFit) -> Array | None:
 
 
 def _by_loads(record: TimeRecord, fit: RecordFit) -> tuple[list[str], list[float], list[Array]]:
-    """Return names, changes, and derivatives of the prediction by gains and delay of the loads.
-
-    They are exact but for free motions, which are projected out with the initial state: so the whole
-    prediction is taken for the response to a single load, and minus its rate for the derivative by the delay.
-    """
+    """Return names, changes, and derivatives of the prediction by gains and delay of the loads."""
+    # They are exact but for free motions, which are projected out with the initial state: so the whole
+    # prediction is taken for the response to a single load, and minus its rate for the derivative by the
+    # delay.
     model, loads = record.model, record.model.gains[0]
     names = list(dict.fromkeys(loads))
     if len(names) == 1:
@@ -281,14 +272,8 @@ def _of_modes(record: ModalRecord, fit: RecordFit, noise: Array) -> _Calibration
 def add_calibration_slopes(result: Result, slopes: CalibrationSlopes, relative: Array) -> None:
     """Add ``considered/``: the slopes of the estimates by the calibration and considered parameters.
 
-    Parameters
-    ----------
-    result
-        The result.
-    slopes
-        The slopes of the coordinates.
-    relative
-        Derivatives of the logarithms of the estimates by their coordinates (p): 1 of logarithms.
+    `result`: the result; `slopes`: the slopes of the coordinates. `relative`: derivatives of the logarithms
+    of the estimates by their coordinates (p): 1 of logarithms.
     """
     dims = ("parameter", "quantity")
     result.add_axis(f"{GROUP}/parameter", list(slopes.parameters))

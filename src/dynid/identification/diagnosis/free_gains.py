@@ -82,10 +82,8 @@ def free_gain(likelihood: Likelihood, plain: Likelihood, eta: Array) -> Found | 
 
 
 def _groups(plain: Likelihood) -> list[Places]:
-    """Return the channels that may share a gain: all, those of a record (of its excitation), and each.
-
-    Channels of unknown gains need none.
-    """
+    """Return the channels that may share a gain: all, those of a record (of its excitation), and each."""
+    # Channels of unknown gains need none.
     by_record = [
         tuple((k, c) for c, channel in enumerate(record.channels) if not gain_unknown(channel))
         for k, record in enumerate(plain.records)
@@ -121,10 +119,8 @@ def _likeliest_gain(
     bounds: tuple[float, float],
     effort: Any,
 ) -> tuple[float, Found]:
-    """Return the logarithm of the likeliest gain, with the estimate that belongs to it.
-
-    The parameters are estimated anew for every gain, so that they take of it what they can.
-    """
+    """Return the logarithm of the likeliest gain, with the estimate that belongs to it."""
+    # The parameters are estimated anew for every gain, so that they take of it what they can.
     from scipy.optimize import minimize_scalar
 
     estimates: dict[float, Found] = {}
@@ -139,10 +135,8 @@ def _likeliest_gain(
 
 
 def _sharpened(likelihood: Likelihood, plain: Likelihood, places: Places, log: float, best: Found) -> Found:
-    """Return the estimate at the vertex of parabolas through three likelihoods, and the gain's deviation.
-
-    The deviation is 0 where the likelihood has no maximum there.
-    """
+    """Return the estimate at the vertex of parabolas through three likelihoods, and the gain's deviation."""
+    # The deviation is 0 where the likelihood has no maximum there.
     step = _FIRST_LOG_STEP
     for _ in range(_PARABOLAS):
         less, more = (
@@ -196,10 +190,9 @@ def _parameters(starts: set[float]) -> str:
 
 
 def _starts_of_loads(record: Any, factor: float) -> list[float]:
-    """Return the known gains of the loads of a record times a factor, as a scene states them.
-
-    That of a file is of what is recorded, and the inverse of that of the load. Frequency responses have none.
-    """
+    """Return the known gains of the loads of a record times a factor, as a scene states them."""
+    # That of a file is of what is recorded, and the inverse of that of the load. Frequency responses have
+    # none.
     if not isinstance(record, TimeRecord):
         return []
     loads = [load for load in record.conditions.loads if not isinstance(load.gain, Dependent)]

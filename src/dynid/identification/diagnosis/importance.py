@@ -118,10 +118,7 @@ def likelihood_size(posterior: Posterior) -> _LikelihoodSize:
 def posterior_check(posterior: Posterior) -> PosteriorCheck:
     """Weight samples of the Gaussian posterior by the likelihood that is not linearised.
 
-    Raises
-    ------
-    UsageError
-        If arviz-stats is not installed, or a robust loss was used.
+    Raises UsageError if arviz-stats is not installed, or a robust loss was used.
     """
     try:
         import arviz_stats.base  # noqa: F401
@@ -190,13 +187,7 @@ class _Weighted(NamedTuple):
 
 
 def _weighted(target: _Target, likelihood: Likelihood, mean: Array, root: Array, freedom: float) -> _Weighted:
-    """Weight samples of a Gaussian (infinite `freedom`) or Student's t distribution by the target.
-
-    Raises
-    ------
-    UsageError
-        If nearly all are beyond the limits of the parameters.
-    """
+    """Weight samples of a Gaussian (infinite `freedom`) or Student's t distribution by the target."""
     from arviz_stats.base import array_stats  # type: ignore[attr-defined]
     from scipy.special import gammaln
 

@@ -68,12 +68,8 @@ _MAX_REVERSED_CHANNELS, _MAX_EXCHANGED_PAIRS = 12, 30
 def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[str]:
     """Return suggestions of corrections that explain what the model does not; none where none does.
 
-    Parameters
-    ----------
-    likelihood
-        Records that the model does not explain.
-    etas
-        Coordinates of the parameters (p) to search from: the estimate, if there is one, and the start.
+    `likelihood`: records that the model does not explain; `etas`: coordinates of the parameters (p) to
+    search from: the estimate, if there is one, and the start.
     """
     records = likelihood.records
     for record in records:
@@ -107,10 +103,8 @@ def _explanations(likelihood: Likelihood, plain: Likelihood, etas: Sequence[Arra
 def _search(
     likelihood: Likelihood, plain: Likelihood, eta: Array, first: Corrections | None = None
 ) -> Found | None:
-    """Return corrections and estimate that belong to each other; None where the estimate fails.
-
-    The `first` corrections are those of the prediction at `eta` where none are given.
-    """
+    """Return corrections and estimate that belong to each other; None where the estimate fails."""
+    # The `first` corrections are those of the prediction at `eta` where none are given.
     try:
         corrections = first
         if corrections is None:

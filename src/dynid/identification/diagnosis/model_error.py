@@ -108,16 +108,8 @@ def model_error(
 ) -> ModelError:
     """Compare a reduced model with the full one, at the estimate.
 
-    Parameters
-    ----------
-    model
-        The reduced model.
-    likelihood, fit
-        The records with it, and their fit at the estimate.
-    dofs
-        DOFs of loads and sensors.
-    refitted
-        Returns the records with another model.
+    `model`: the reduced model; `likelihood`, `fit`: the records with it, and their fit at the estimate.
+    `dofs`: DOFs of loads and sensors; `refitted`: returns the records with another model.
     """
     assert model.basis is not None
     unknowns = likelihood.unknowns
@@ -165,10 +157,8 @@ def _step(likelihood: Likelihood, fit: Fit) -> Array:
 def _reference(
     model: StructuralModel, full: StructuralModel, dofs: list[Label], values: dict[str, float]
 ) -> tuple[StructuralModel, str]:
-    """Return the full model, or one of many more modes with the joints as estimated, and its name.
-
-    Residual vectors correct the truncation of modes, an error that it would share with the reduced model.
-    """
+    """Return the full model, or one of many more modes with the joints as estimated, and its name."""
+    # Residual vectors correct the truncation of modes, an error that it would share with the reduced model.
     count = _FINER * model.size
     if full.size <= max(_MAX_REFERENCE_DOFS, count):
         return without_massless(full, dofs), f"full model of {full.size} DOFs"

@@ -53,12 +53,7 @@ class GrowingResiduals(NamedTuple):
 def growing_residuals(likelihood: Likelihood, fit: Fit, names: Sequence[str]) -> GrowingResiduals | None:
     """Return residuals of a fit that grow with the response, and what that suggests; None where none do.
 
-    Parameters
-    ----------
-    likelihood, fit
-        Records and the fit.
-    names
-        Names of all channels, record by record.
+    `likelihood`, `fit`: records and the fit; `names`: names of all channels, record by record.
     """
     growing, correlations, channel = [], [], 0
     for k, (record, record_fit) in enumerate(zip(likelihood.records, fit.parts, strict=True)):
@@ -81,10 +76,8 @@ def growing_residuals(likelihood: Likelihood, fit: Fit, names: Sequence[str]) ->
 
 
 def _sizes(record: RecordLikelihood, record_fit: RecordFit, column: int) -> tuple[Array, Array] | None:
-    """Return sizes of residuals and of responses of a channel; None where these are not to be compared.
-
-    That is where noise is not taken for white and of one deviation, and where residuals are round-off.
-    """
+    """Return sizes of residuals and of responses of a channel; None where these are not to be compared."""
+    # That is where noise is not taken for white and of one deviation, and where residuals are round-off.
     negligible = record_fit.size[column] < _RESIDUAL_ROUND_OFF_SHARE * record.data.rms[column]
     if record.data.robust is not None or record.modelled or record.data.passed != 1 or negligible:
         return None

@@ -104,14 +104,8 @@ def symmetries(likelihood: Likelihood, kinds: Sequence[str], eta: Array) -> list
 
     They generate the group of all.
 
-    Parameters
-    ----------
-    likelihood
-        The likelihood of the records, whose values do not matter.
-    kinds
-        What each parameter is (p): only those of one kind are exchanged.
-    eta
-        Coordinates (p) near which predictions exist.
+    `likelihood`: the likelihood of the records, whose values do not matter; `kinds`: what each parameter is
+    (p): only those of one kind are exchanged. `eta`: coordinates (p) near which predictions exist.
     """
     try:
         return _Search(likelihood, kinds, eta).permutations()
@@ -226,12 +220,10 @@ class _Search:
         return tuple(assigned[k] for k in range(len(centre)))
 
     def _derivatives(self, eta: Array) -> Array:
-        """Return what the prediction changes by with each parameter (p x values).
-
-        Only frequency responses have derivatives that a symmetry permutes. Those of a record of time are
-        taken at a fitted initial state, whose unobservable part is arbitrary, and modes whose frequencies
-        coincide have none: there they are differences over a finite step.
-        """
+        """Return what the prediction changes by with each parameter (p x values)."""
+        # Only frequency responses have derivatives that a symmetry permutes. Those of a record of time are
+        # taken at a fitted initial state, whose unobservable part is arbitrary, and modes whose frequencies
+        # coincide have none: there they are differences over a finite step.
         key = eta.tobytes()
         if key in self._signatures:
             return self._signatures[key]

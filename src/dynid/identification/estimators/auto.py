@@ -88,10 +88,7 @@ class Auto:
     def run(self, likelihood: Likelihood, origin: Array) -> Estimate:
         """Estimate, from the coordinates `origin` (p).
 
-        Raises
-        ------
-        DynidError
-            The first error, if no attempt was completed.
+        Raises DynidError: the first error, if no attempt was completed.
         """
         if isinstance(likelihood, TimeLikelihood):
             return self._of_records(likelihood, origin)

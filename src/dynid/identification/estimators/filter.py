@@ -66,14 +66,8 @@ class _LinearisedStep(NamedTuple):
 class Linearised:
     """The steps of a model about some coordinates, computed when they are needed.
 
-    Parameters
-    ----------
-    model
-        The model.
-    part
-        How far a coordinate may move, in its deviations.
-    origin
-        Coordinates whose delays the timeline of the model has (p): it is linear in delays about these.
+    `part`: how far a coordinate may move, in its deviations; `origin`: coordinates whose delays the timeline
+    of the model has (p): it is linear in delays about these.
     """
 
     def __init__(self, model: ParametricModel, fraction: float, origin: Array) -> None:
@@ -161,25 +155,12 @@ def filter_pass(
 ) -> Pass:
     """Run the filter once over the record.
 
-    Parameters
-    ----------
-    model
-        The augmented model.
-    measured
-        Measured values (times x channels); NaN where a sample is missing.
-    prior
-        State, parameters and covariance before the first sample.
-    deviation
-        Assumed standard deviation of each channel's noise (channels) or of each sample (times x channels).
-    origin
-        Coordinates from which a divergence is measured (p).
-    fraction
-        How far a coordinate may move, in its deviations, before steps are linearised anew; 0: every sample.
-
-    Raises
-    ------
-    Diverged
-        If a parameter becomes non-finite or leaves its start by a factor of a million.
+    `measured`: measured values (times x channels); NaN where a sample is missing; `prior`: state, parameters
+    and covariance before the first sample. `deviation`: assumed standard deviation of each channel's noise
+    (channels) or of each sample (times x channels); `origin`: coordinates from which a divergence is
+    measured (p). `fraction`: how far a coordinate may move, in its deviations, before steps are linearised
+    anew; 0: every sample. Raises Diverged if a parameter becomes non-finite or leaves its start by a factor
+    of a million.
     """
     model = model.moved(prior.eta)
     n, p, sampling = model.states, model.parameters, model.sampling

@@ -60,10 +60,7 @@ class Filter:
     def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
         """Estimate, from the coordinates `origin` (p).
 
-        Raises
-        ------
-        Diverged
-            If the parameters run away.
+        Raises Diverged if the parameters run away.
         """
         histories = run_passes(likelihood, origin, self.passes)
         fit = likelihood.fit(last(likelihood, histories))
@@ -82,19 +79,7 @@ def last(likelihood: TimeLikelihood, sweeps: Sequence[Sweep]) -> Array:
 def run_passes(likelihood: TimeLikelihood, origin: Array, passes: int) -> list[Sweep]:
     """Run passes of the filter.
 
-    Parameters
-    ----------
-    likelihood
-        The records and the model.
-    origin
-        Coordinates of the initial parameters (p).
-    passes
-        How many.
-
-    Raises
-    ------
-    Diverged
-        If the parameters run away.
+    `origin`: coordinates of the initial parameters (p). Raises Diverged if the parameters run away.
     """
     records = likelihood.records
     priors = [wide_prior(record, origin) for record in records]
@@ -115,17 +100,7 @@ def annealed_passes(likelihood: TimeLikelihood, origin: Array) -> list[Sweep]:
 
     It takes longer than `run_passes` and converges from poorer initial guesses.
 
-    Parameters
-    ----------
-    likelihood
-        The records and the model.
-    origin
-        Coordinates of the initial parameters (p).
-
-    Raises
-    ------
-    Diverged
-        If the parameters run away.
+    `origin`: coordinates of the initial parameters (p). Raises Diverged if the parameters run away.
     """
     sweeps: list[Sweep] = []
     eta = origin
@@ -143,15 +118,9 @@ def chained(
 ) -> Sweep:
     """Run one pass over each record; its estimate of the parameters is the prior of the next one.
 
-    Parameters
-    ----------
-    likelihood
-        The records.
-    priors
-        Of each record the prior of its first state; of the first one that of the parameters, too, which is
-        combined with their priors.
-    passed
-        Runs the pass over a record, numbered from 0.
+    `likelihood`: the records; `priors`: of each record the prior of its first state; of the first one that
+    of the parameters, too, which is combined with their priors. `passed`: runs the pass over a record,
+    numbered from 0.
     """
     sweep: list[Pass] = []
     first = likelihood.priors.combined(priors[0])
@@ -187,11 +156,9 @@ def wide_prior(record: TimeRecord, eta: Array, share: float = 1.0) -> InitialSta
 
 
 def _unit_prior(record: TimeRecord, fit: RecordFit) -> InitialState:
-    """Return a fresh prior around a fit that weighs as much as a single measured value.
-
-    It is the fit's own covariance times the number of values, bounded by the wide one: wide enough not to
-    pull, narrow enough to keep the filter where its linearisation holds.
-    """
+    """Return a fresh prior around a fit that weighs as much as a single measured value."""
+    # It is the fit's own covariance times the number of values, bounded by the wide one: wide enough not to
+    # pull, narrow enough to keep the filter where its linearisation holds.
     root = _wide_root(record)
     rows = record.rows(fit, _floored(record, fit.noise))[:, :-1]
     _, s, Vt = thin_svd(rows @ root)

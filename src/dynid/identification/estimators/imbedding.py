@@ -66,10 +66,7 @@ class InvariantImbedding:
     def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
         """Estimate, from the coordinates `origin` (p).
 
-        Raises
-        ------
-        Diverged
-            If the integration breaks down, or parameters run away.
+        Raises Diverged if the integration breaks down, or parameters run away.
         """
         counts = {"equations": 0, "evaluations": 0}
 

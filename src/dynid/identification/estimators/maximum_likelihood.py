@@ -89,10 +89,7 @@ class OutputError:
     def run(self, likelihood: Likelihood, origin: Array) -> Estimate:
         """Estimate, from the coordinates `origin` (p).
 
-        Raises
-        ------
-        Diverged
-            If the parameters run away.
+        Raises Diverged if the parameters run away.
         """
         way = refine(likelihood, origin, self.iterations)
         final, way = with_noise(likelihood, way)
@@ -106,19 +103,8 @@ def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
     Where records leave a direction between limits open, it is a narrow curved valley of the posterior, which
     is followed from the middle: with a strong pull to it first, and then with weaker ones.
 
-    Parameters
-    ----------
-    likelihood
-        The records and the model.
-    eta
-        Coordinates to start from (p).
-    iterations
-        Most steps.
-
-    Raises
-    ------
-    Diverged
-        If a parameter leaves its start by a factor of a million.
+    `eta`: coordinates to start from (p); `iterations`: most steps. Raises Diverged if a parameter leaves its
+    start by a factor of a million.
     """
     eta, steps = likelihood.priors.clipped(eta), 0
     if likelihood.priors.pulled.any():
@@ -178,10 +164,7 @@ def with_noise(likelihood: L, way: Refined) -> tuple[L, Refined]:
     of noise are asymptotically independent, so that this contracts fast: by about the part of the values that
     the parameters take. The order of an autoregression is chosen in the first rounds alone.
 
-    Raises
-    ------
-    Diverged
-        If this does not end.
+    Raises Diverged if this does not end.
     """
     if not likelihood.modelled:
         return likelihood, way
@@ -259,10 +242,7 @@ class Huber:
     def run(self, likelihood: Likelihood, origin: Array) -> Estimate:
         """Estimate, from the coordinates `origin` (p).
 
-        Raises
-        ------
-        Diverged
-            If the estimates run away, or the iteration does not end.
+        Raises Diverged if the estimates run away, or the iteration does not end.
         """
         if likelihood.modelled and likelihood.records[0].sampling_step is not None:
             raise UsageError(

@@ -80,14 +80,8 @@ class Attempt(NamedTuple):
 class Search:
     """A multi-start search for the greatest likelihood: the attempts so far.
 
-    Parameters
-    ----------
-    likelihood
-        The records and the model.
-    accept_small
-        True: residuals that are small are accepted whatever their colour.
-    agreeing
-        Number of starts that are to end at the best optimum.
+    `accept_small`: True: residuals that are small are accepted whatever their colour; `agreeing`: number of
+    starts that are to end at the best optimum.
     """
 
     def __init__(

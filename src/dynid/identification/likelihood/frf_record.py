@@ -55,10 +55,7 @@ class FrfRecord(RecordLikelihood):
     def of(cls, model: Model, measurement: FrfMeasurement, data: RecordData, sharing: int = 1) -> Self:
         """Return the likelihood of responses with a model.
 
-        Raises
-        ------
-        UsageError
-            If there is more to solve than can be.
+        Raises UsageError if there is more to solve than can be.
         """
         check_cost(model, len(measurement.omega))
         return cls(FrfSystem.of(model, measurement.channels), measurement, data, sharing=sharing)

@@ -255,14 +255,8 @@ class ModelComparison:
 def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None = None) -> ModelComparison:
     """Compare three models of records.
 
-    Parameters
-    ----------
-    likelihood
-        Model and records.
-    fit
-        The scene's model at some values of its unknowns.
-    whiteness_p
-        The p-value of the whiteness of its residuals, if it is known already.
+    `likelihood`: model and records; `fit`: the scene's model at some values of its unknowns. `whiteness_p`:
+    the p-value of the whiteness of its residuals, if it is known already.
     """
     records = list(likelihood.records)
     # Records that a filter has coloured are not tested for whiteness.
@@ -341,11 +335,9 @@ def _resolved(channel: SaturatedCoordinates, noise: float) -> Array:
 def _resolved_poles(
     record: Sequence[SaturatedCoordinates], noise: Sequence[float], amplitudes: Sequence[Array]
 ) -> int:
-    """Return the number of poles that a record resolves, a pair counting twice.
-
-    A pole is resolved where moving it by itself moves the record by more than the noise. `amplitudes` are
-    those of the channels, as of `_resolved`.
-    """
+    """Return the number of poles that a record resolves, a pair counting twice."""
+    # A pole is resolved where moving it by itself moves the record by more than the noise. `amplitudes` are
+    # those of the channels, as of `_resolved`.
     strength: dict[complex, float] = {}
     for channel, level, shown in zip(record, noise, amplitudes, strict=True):
         moves = np.flatnonzero(channel.kind == RegressorKind.POLE)

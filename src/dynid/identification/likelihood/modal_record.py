@@ -70,10 +70,8 @@ class ModalRecord(RecordLikelihood):
     def of(cls, model: StructuralModel, measurement: ModalMeasurement, count: int, sharing: int = 1) -> Self:
         """Return the likelihood of modes with the scatter that is given.
 
-        Raises
-        ------
-        UsageError
-            If a sensor's DOF does not exist, or a damping ratio is measured and the structure has none.
+        Raises UsageError if a sensor's DOF does not exist, or a damping ratio is measured and the structure
+        has none.
         """
         if measurement.has_damping and not has_damping(model):
             raise UsageError(
@@ -253,12 +251,10 @@ class ModalRecord(RecordLikelihood):
         )
 
     def _groups(self, residual: Array, moved: Array) -> list[tuple[float, int]]:
-        """Return independent sums of squares of the frequencies, and of the damping ratios beside them.
-
-        That of some residuals r with the covariance V = I - A A' is r' V^+ r: by so much chi-squared is less
-        where these values are left out. `moved`: A, derivatives times a root of the covariance (values x
-        quantities x p).
-        """
+        """Return independent sums of squares of the frequencies, and of the damping ratios beside them."""
+        # That of some residuals r with the covariance V = I - A A' is r' V^+ r: by so much chi-squared is
+        # less where these values are left out. `moved`: A, derivatives times a root of the covariance
+        # (values x quantities x p).
         groups: list[tuple[float, int]] = []
         before, rank = 0.0, 0
         several = [k for k, channel in enumerate(self.channels) if channel.name != "shape"]

@@ -143,11 +143,9 @@ def _mac_of(measured: NDArray[Any], shapes: NDArray[Any]) -> Array:
 
 
 def _turned(shape: NDArray[Any], moved: NDArray[Any], *, wide: bool) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return a shape at the sensors (s) and its slopes (s x p), turned to be as real as can be.
-
-    One that all phases make as real is not turned. Shapes are complex only where damping makes them so;
-    `wide`: the measured ones are complex, too.
-    """
+    """Return a shape at the sensors (s) and its slopes (s x p), turned to be as real as can be."""
+    # One that all phases make as real is not turned. Shapes are complex only where damping makes them so;
+    # `wide`: the measured ones are complex, too.
     if wide or not np.iscomplexobj(shape):
         return shape, moved
     square = shape @ shape

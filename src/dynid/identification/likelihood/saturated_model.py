@@ -202,16 +202,8 @@ def forced_regressors(
 ) -> ForcedRegressors:
     """Return the regressors of the forces, which the channels of a record of time share.
 
-    Parameters
-    ----------
-    signals
-        The inputs as signals.
-    inputs
-        Their values, and their derivatives (times x signals).
-    times
-        Sampling times, s, evenly spaced.
-    max_count
-        How many regressors there may be.
+    `signals`: the inputs as signals; `inputs`: their values, and their derivatives (times x signals).
+    `times`: sampling times, s, evenly spaced; `max_count`: how many regressors there may be.
     """
     # The sums of sines among the signals, or those of which a signal is a derivative.
     sources = [getattr(signal, "signal", signal) for signal in signals]
@@ -236,14 +228,8 @@ def regressors_in_time(
 ) -> Regressors:
     """Return the regressors that the channels of a record of time share.
 
-    Parameters
-    ----------
-    forced
-        Those of the forces.
-    poles
-        Poles of the model, 1/s.
-    times, max_count
-        As of `forced_regressors`.
+    `forced`: those of the forces; `poles`: poles of the model, 1/s. `times`, `max_count`: as of
+    `forced_regressors`.
     """
     (direct, forces), (step, span) = forced, _spacing(times)
     budget = max(0, max_count - direct.values.shape[1]) // (4 * (1 + forces.shape[1]))
@@ -299,10 +285,8 @@ def _modes(
 
 
 def _decays(exponents: ComplexArray, rows: int) -> ComplexArray:
-    """Return exp(k exponents), k = 0, 1, … (rows x exponents); growing ones are scaled to their end.
-
-    Only the direction of a column matters. Blocks of rows are products of two exponentials, none above 1.
-    """
+    """Return exp(k exponents), k = 0, 1, … (rows x exponents); growing ones are scaled to their end."""
+    # Only the direction of a column matters. Blocks of rows are products of two exponentials, none above 1.
     height = math.isqrt(rows) + 1
     blocks = -(-rows // height)
     growing = exponents.real > 0
@@ -355,16 +339,8 @@ def delayed_residuals(residual: Array) -> Array:
 def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, max_count: int) -> Regressors:
     """Return the regressors of a frequency response, real parts above imaginary ones (2 L x d).
 
-    Parameters
-    ----------
-    poles
-        Poles of the model, 1/s.
-    omega
-        Lines (L), rad/s.
-    profile
-        Deviation by line by which values are divided (L).
-    max_count
-        How many regressors there may be.
+    `poles`: poles of the model, 1/s; `omega`: lines (L), rad/s. `profile`: deviation by line by which values
+    are divided (L); `max_count`: how many regressors there may be.
     """
     s, scale = 1j * omega, max(float(omega[-1]), np.finfo(float).tiny)
     rest = [_parts(np.asarray((s / scale) ** order / profile))[:, None] for order in range(3)]
@@ -400,14 +376,8 @@ def delayed_residuals_by_line(residual: Array) -> Array:
 def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: float) -> SaturatedCoordinates:
     """Return a channel in orthonormal directions of its saturated model, in the order of its regressors.
 
-    Parameters
-    ----------
-    shared
-        The regressors besides the scene's own (rows x d), 0 where a value is missing.
-    channel
-        The columns of the channel itself, alike.
-    count
-        How many independent values it has.
+    `shared`: the regressors besides the scene's own (rows x d), 0 where a value is missing; `channel`: the
+    columns of the channel itself, alike. `count`: how many independent values it has.
     """
     sides = (channel.by_parameter.T, channel.by_state.T, channel.faults.T, channel.before.T)
     compared = channel.measured[None], channel.residual[None]
@@ -451,19 +421,10 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
 
 
 def _triangle(gram: Array, active: int, max_rank: int) -> tuple[NDArray[np.int_], Array] | None:
-    """Return the linearly independent active columns, and all columns in their directions (Cholesky).
-
-    None where the columns depend on each other so nearly that their products lack the digits.
-
-    Parameters
-    ----------
-    gram
-        Products of columns of norm 1 (d x d), the active ones first.
-    active
-        How many of them are regressors.
-    max_rank
-        Most directions.
-    """
+    """Return the linearly independent active columns, and all columns in their directions (Cholesky)."""
+    # None where the columns depend on each other so nearly that their products lack the digits. `gram`:
+    # products of columns of norm 1 (d x d), the active ones first; `active`: how many of them are
+    # regressors. `max_rank`: most directions.
     left, rounding = gram.copy(), float(np.finfo(float).eps)
     places: list[int] = []
     rows: list[Array] = []

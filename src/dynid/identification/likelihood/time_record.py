@@ -344,10 +344,7 @@ class TimeRecord(RecordLikelihood):
         return np.asarray(self.data.values - free.forced - free.by_state @ x0)
 
     def _rows(self, free: Free, values: Array) -> tuple[Array, NDArray[np.int_]]:
-        """Return triangles of the derivatives by the initial state and of what `values` have beside it.
-
-        With the counts of values.
-        """
+        """Return triangles of the derivatives by the initial state and of what `values` have beside it."""
         forced = free.forced + free.by_state @ self.model.initial
         return self.triangles(values - forced, free.by_state, free.by_state[..., :0])
 
@@ -494,16 +491,8 @@ def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, root_of_p
     The covariance of initial state and parameters, propagated exactly. Initial states that are not observable
     in the record keep the deviation of the wide prior.
 
-    Parameters
-    ----------
-    record
-        Model and record.
-    fit
-        Its fit at the estimate.
-    noise
-        Standard deviation of the noise (channels).
-    root_of_parameters
-        A root of the covariance of the coordinates, given all records (p x p).
+    `fit`: its fit at the estimate; `noise`: standard deviation of the noise (channels).
+    `root_of_parameters`: a root of the covariance of the coordinates, given all records (p x p).
     """
     model, n = record.model.moved(fit.eta), record.model.states
     transitions = [model.transition(fit.eta, h) for h in model.line.lengths]
@@ -534,10 +523,8 @@ def _sizes(columns: Array) -> Array:
 
 
 def _initial_root(record: TimeRecord, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
-    """Return a root of the covariance of initial state (scaled) and coordinates (n + p x n + p).
-
-    Given the coordinates, the state has the mean and covariance of its regression on them.
-    """
+    """Return a root of the covariance of initial state (scaled) and coordinates (n + p x n + p)."""
+    # Given the coordinates, the state has the mean and covariance of its regression on them.
     n = record.model.states
     by_state, by_parameter = record.by_start(fit, noise), record.slopes(fit, noise)
     U, s, Vt = thin_svd(by_state)

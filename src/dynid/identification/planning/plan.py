@@ -254,14 +254,12 @@ def _add_sensors(
     names: Sequence[str],
     count: int,
 ) -> None:
-    """Add the ranking of sensors to a result.
-
-    ``plan/sensors/``: of each `candidate` its `noise`, `rms` and `bound_alone` (candidate x parameter); the
-    `choice` of the best, in the order of their gains, with the relative `bound` after each (choice x
-    parameter) and its `gain`, the factor by which it narrows the bounds (geometric mean); `present`, the
-    channels as they are, with their `present_bound` and `efficiency`, the geometric mean of the best bounds
-    over theirs.
-    """
+    """Add the ranking of sensors to a result."""
+    # ``plan/sensors/``: of each `candidate` its `noise`, `rms` and `bound_alone` (candidate x parameter);
+    # the `choice` of the best, in the order of their gains, with the relative `bound` after each (choice x
+    # parameter) and its `gain`, the factor by which it narrows the bounds (geometric mean); `present`, the
+    # channels as they are, with their `present_bound` and `efficiency`, the geometric mean of the best
+    # bounds over theirs.
     group, candidates = "plan/sensors", sensors.candidates
     chosen = select(candidates, count)
     result.add_axes(group, candidate=[channel.name for channel in sensors.channels], parameter=names)

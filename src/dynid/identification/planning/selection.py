@@ -101,12 +101,7 @@ class Candidates:
 def select(candidates: Candidates, count: int) -> list[int]:
     """Return the D-optimal set of candidates, in the order of their gains.
 
-    Parameters
-    ----------
-    candidates
-        The candidates.
-    count
-        How many to choose; no more than there are.
+    `count`: how many to choose; no more than there are.
     """
     chosen = _in_order(candidates, None, min(count, candidates.most()))
     best = candidates.worth(chosen)

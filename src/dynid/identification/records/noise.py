@@ -68,10 +68,7 @@ class Autoregression:
     def of(cls, coefficients: Sequence[float], channels: int) -> Autoregression:
         """Return an autoregression with the same coefficients in all channels.
 
-        Raises
-        ------
-        UsageError
-            If it is not stationary.
+        Raises UsageError if it is not stationary.
         """
         a = np.asarray(coefficients, dtype=float)
         largest = float(np.abs(np.linalg.eigvals(_companion(a[None]))).max()) if len(a) else 0.0
@@ -124,12 +121,8 @@ class Autoregression:
     def whitened(self, rows: Array, present: Mask) -> Array:
         """Return rows (times x channels x w) whitened: noise in them becomes innovations of deviation d.
 
-        Parameters
-        ----------
-        rows
-            Finite where values are present.
-        present
-            Mask of the values (times x channels); the others are no values, and their rows become 0.
+        `rows`: finite where values are present; `present`: mask of the values (times x channels); the others
+        are no values, and their rows become 0.
         """
         rows = np.where(present[..., None], rows, 0.0)
         out = rows.copy()
@@ -247,21 +240,10 @@ def estimated(
     6 (1978) 461–464), ``N ln(variance of innovations) + order ln N``. Windows with missing samples are left
     out.
 
-    Parameters
-    ----------
-    residual
-        Residuals (times x channels), NaN where missing.
-    errors
-        Columns of a root of the covariance of the prediction's error (times x channels x any).
-    request
-        What is to be estimated.
-    orders
-        Orders to keep (channels); absent: as wanted.
-
-    Raises
-    ------
-    UsageError
-        Where a channel has too few values without a gap.
+    `residual`: residuals (times x channels), NaN where missing; `errors`: columns of a root of the
+    covariance of the prediction's error (times x channels x any). `request`: what is to be estimated;
+    `orders`: orders to keep (channels); default: as wanted. Raises UsageError where a channel has too few
+    values without a gap.
     """
     coefficient_sets, chosen, criteria = [], [], []
     with_errors, present = np.concatenate([residual[..., None], errors], axis=2), ~np.isnan(residual)
@@ -298,13 +280,7 @@ def estimated(
 
 
 def _check_order(order: int, highest: int) -> None:
-    """Refuse an order above the highest one that a channel allows.
-
-    Raises
-    ------
-    UsageError
-        With the highest one.
-    """
+    """Refuse an order above the highest one that a channel allows."""
     if order > highest:
         raise UsageError(
             f"an autoregression of order {order} needs {NOISE_VALUES.value * order} stretches of {order + 1} "
@@ -327,15 +303,9 @@ def _highest(present: Mask) -> int:
 
 
 def _burg(x: Array, there: Mask, order: int) -> tuple[list[Array], Array]:
-    """Return the coefficients of the orders 0, 1, …, and the variances of their innovations.
-
-    Parameters
-    ----------
-    x, there
-        Series whose products add up (times x any), and a mask of the times that are present.
-    order
-        The highest order; lower ones are the last where no innovations are left.
-    """
+    """Return the coefficients of the orders 0, 1, …, and the variances of their innovations."""
+    # `x`, `there`: series whose products add up (times x any), and a mask of the times that are present;
+    # `order`: the highest order; lower ones are the last where no innovations are left.
     filled = np.where(there[:, None], x, 0.0)
     forward = filled / (np.abs(filled).max() or 1.0)
     backward, complete = forward.copy(), there

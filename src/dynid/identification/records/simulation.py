@@ -90,10 +90,7 @@ def check_finite(values: NDArray[Any], what: str, sample: str) -> None:
 def per_channel(name: str, level: float | Sequence[float], channels: int) -> Array:
     """Return one number a channel (channels).
 
-    Raises
-    ------
-    UsageError
-        If there are more or fewer of them.
+    Raises UsageError if there are more or fewer of them.
     """
     numbers = np.atleast_1d(np.asarray(level, dtype=float))
     if numbers.shape not in ((1,), (channels,)):

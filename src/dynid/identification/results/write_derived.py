@@ -77,10 +77,7 @@ class DerivedRequest:
 def add_derived(result: Result, posterior: Posterior, request: DerivedRequest | None = None) -> None:
     """Add the derived quantities of an identification; without a request those of small systems alone.
 
-    Raises
-    ------
-    DynidError
-        If one was requested and cannot be computed.
+    Raises DynidError if one was requested and cannot be computed.
     """
     systems = [(system, pairs) for system, pairs in _systems(posterior) if len(system.states)]
     if request is None:

@@ -255,10 +255,8 @@ def _add_leverage(result: Result, table: ScatterTest, modes: int) -> list[str]:
 
 
 def _expanded(record: ModalRecord, fit: ModalFit) -> NDArray[Any]:
-    """Return measured shapes at all DOFs (n x r) in the span of modes that they are paired with (SEREP).
-
-    J. O'Callahan, P. Avitabile, R. Riemer, *Proc. IMAC VII* 1989, 29–37.
-    """
+    """Return measured shapes at all DOFs (n x r) in the span of modes that they are paired with (SEREP)."""
+    # J. O'Callahan, P. Avitabile, R. Riemer, *Proc. IMAC VII* 1989, 29–37.
     solution = record.solution(named(record.unknowns, fit.eta))
     shapes_at_all_dofs = record.model.expand(solution.shapes[:, fit.modes.pairs])
     at_sensors, target = record.rows @ solution.shapes[:, fit.modes.pairs], record.measurement.shapes
@@ -315,10 +313,8 @@ def _add_diagnosis(
 
 
 def _add_directions(result: Result, posterior: Posterior) -> list[str]:
-    """Add the combinations of parameters that the data determine, where all have priors; say which.
-
-    Two limits are a prior, of the deviation of a uniform distribution.
-    """
+    """Add the combinations of parameters that the data determine, where all have priors; say which."""
+    # Two limits are a prior, of the deviation of a uniform distribution.
     priors, names = posterior.likelihood.priors, posterior.likelihood.names
     directions_group = f"{GROUP}/directions"
     if np.isnan(priors.spreads).any() or not result.wants_below(directions_group):

@@ -39,12 +39,8 @@ _MAX_JOINT_DIRECTIONS = 12
 class _BandLimitedSystem(StructureSystem):
     """A structure whose responses are those of its modes in the band of the lines, with residual vectors.
 
-    Parameters
-    ----------
-    system
-        The whole structure with its loads and channels.
-    band
-        Modes up to this multiple of the highest line are kept.
+    `system`: the whole structure with its loads and channels; `band`: modes up to this multiple of the
+    highest line are kept.
     """
 
     def __init__(self, system: StructureSystem, band: float = BAND_FACTOR) -> None:
@@ -144,22 +140,9 @@ def band_limited(
 
 
 def _band_basis(M: Array, K: Array, directions: Array, top: float) -> Array:
-    """Return the modes below a frequency, and residual vectors for directions, mass-normalised (n x r).
-
-    Parameters
-    ----------
-    M, K
-        Mass, positive definite, and stiffness (n x n).
-    directions
-        Forces (any x n).
-    top
-        The frequency, rad/s.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the mass is singular.
-    """
+    """Return the modes below a frequency, and residual vectors for directions, mass-normalised (n x r)."""
+    # `M`, `K`: mass, positive definite, and stiffness (n x n); `directions`: forces (any x n). `top`: the
+    # frequency, rad/s. Raises numpy.linalg.LinAlgError if the mass is singular.
     if np.any(np.diag(M) <= 0):
         raise np.linalg.LinAlgError("a DOF has no mass")
     scale = 1 / np.sqrt(np.diag(M))

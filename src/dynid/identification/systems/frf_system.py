@@ -36,10 +36,7 @@ class Response(NamedTuple):
 def check_cost(model: Model, lines: int) -> None:
     """Refuse a computation that would take too long or too much memory.
 
-    Raises
-    ------
-    UsageError
-        With the remedy.
+    Raises UsageError, with the remedy.
     """
     size = model.size if isinstance(model, StructuralModel) else 0
     if lines * float(size) ** 3 > _MAX_RESPONSE_WORK or lines * size > _MAX_RESPONSE_NUMBERS:
@@ -75,10 +72,7 @@ class FrfSystem:
     def of(cls, model: Model, functions: Sequence[Frf]) -> FrfSystem:
         """Return the system of a model for some functions.
 
-        Raises
-        ------
-        UsageError
-            If a channel or a load does not exist.
+        Raises UsageError if a channel or a load does not exist.
         """
         channels = list(dict.fromkeys(function.channel for function in functions))
         loads = list(dict.fromkeys(function.load for function in functions))
@@ -98,21 +92,9 @@ class FrfSystem:
     def response(self, omega: Array, eta: Array | None = None, *, slopes: bool = True) -> Response:
         """Return the responses at lines (L), rad/s, and their exact slopes by the coordinates.
 
-        Parameters
-        ----------
-        omega
-            The lines.
-        eta
-            Coordinates of the unknown parameters (p); absent: their true values, and no slopes.
-        slopes
-            False: no slopes (p = 0).
-
-        Raises
-        ------
-        Singular
-            If a line lies on an undamped pole, to rounding.
-        UsageError
-            If a true value is missing.
+        `omega`: the lines; `eta`: coordinates of the unknown parameters (p); default: their true values, and
+        no slopes. `slopes`: False: no slopes (p = 0). Raises Singular if a line lies on an undamped pole, to
+        rounding. Raises UsageError if a true value is missing.
         """
         unknowns = self.system.unknowns
         at = true_values(unknowns) if eta is None else named(unknowns, eta)
@@ -137,12 +119,8 @@ class FrfSystem:
 def frf_data(model: Model, measurement: FrfMeasurement) -> RecordData:
     """Return the measured values as real ones, simulated with `model` where they are to be simulated.
 
-    Raises
-    ------
-    NotIdentifiable
-        If a response has no lines or is nothing but zeros.
-    Singular
-        If a simulated line lies on an undamped pole.
+    Raises NotIdentifiable if a response has no lines or is nothing but zeros. Raises Singular if a simulated
+    line lies on an undamped pole.
     """
     given_noise = measurement.given_noise
     if given_noise is not None:

@@ -161,10 +161,7 @@ class IdentifiedGraph:
     def load(self, source: str, signal: Signal, gain: Real = 1.0, delay: Real = 0.0) -> SourceLoad:
         """Return the load of a source, with its unit.
 
-        Raises
-        ------
-        UsageError
-            If there is no such source.
+        Raises UsageError if there is no such source.
         """
         nodes = self.graph.nodes
         if source not in nodes or nodes[source].type not in SOURCES:
@@ -179,10 +176,7 @@ class IdentifiedGraph:
     def channel(self, port: Port, gain: Real = 1.0, offset: Real = 0.0, delay: Real = 0.0) -> GraphChannel:
         """Return the channel that measures a variable, with its unit.
 
-        Raises
-        ------
-        UsageError
-            If there is no such variable.
+        Raises UsageError if there is no such variable.
         """
         nodes, port = self.graph.nodes, self.variables.get(port, port)
         if port.node not in nodes:
@@ -197,12 +191,8 @@ class IdentifiedGraph:
     def system(self, loads: Sequence[SourceLoad], channels: Sequence[GraphChannel]) -> GraphSystem:
         """Return the system from the loads to the channels.
 
-        Raises
-        ------
-        UsageError
-            If a source or variable does not exist.
-        Singular
-            If the equations have no unique solution.
+        Raises UsageError if a source or variable does not exist. Raises Singular if the equations have no
+        unique solution.
         """
         return GraphSystem(self, loads, channels)
 
@@ -218,10 +208,7 @@ class IdentifiedGraph:
         The energy is an impulse of strength f(0) on an I, e(0) on a C, at t = 0 (Park & Kim 1997, eqs 13
         to 16): storages that are rigidly coupled share it.
 
-        Raises
-        ------
-        UsageError
-            If a true value is not known, or a channel follows an impulse.
+        Raises UsageError if a true value is not known, or a channel follows an impulse.
         """
         values = true_values(self.unknowns)
         system = self.system(loads, channels)
@@ -272,10 +259,7 @@ class GraphSystem(LinearSystem):
     def check(self) -> None:
         """Refuse loads of which a channel follows a derivative that is an impulse, and graphs without states.
 
-        Raises
-        ------
-        UsageError
-            Naming the sources.
+        Raises UsageError, naming the sources.
         """
         if not self.states:
             raise UsageError(
@@ -296,12 +280,8 @@ class GraphSystem(LinearSystem):
 
         Every entry and derivative has full double precision.
 
-        Raises
-        ------
-        Singular
-            If the equations change their form there: a divisor vanishes.
-        NumericalError
-            If an entry leaves the range of doubles.
+        Raises Singular if the equations change their form there: a divisor vanishes. Raises NumericalError
+        if an entry leaves the range of doubles.
         """
         A, B, C, D, dA, dB, dC, dD = self._equations.at(self._complete(values))
         rows, columns = self._rows, self._columns
@@ -353,10 +333,8 @@ class GraphSystem(LinearSystem):
         return root
 
     def _motions(self, values: Mapping[str, float]) -> tuple[Array, Array, Array, Array]:
-        """Return roots of K^-1 and M^-1, and principal axes and rates of ``q' = G f`` between these.
-
-        The rates are the natural frequencies without resistances, rad/s, the highest first.
-        """
+        """Return roots of K^-1 and M^-1, and principal axes and rates of ``q' = G f`` between these."""
+        # The rates are the natural frequencies without resistances, rad/s, the highest first.
         kinds = np.array([state.kind for state in self._equations.states], dtype=str)
         q, f = (np.flatnonzero(kinds == kind) for kind in "qf")
         complete = self._complete(values)
@@ -393,10 +371,7 @@ class GraphSystem(LinearSystem):
         They come from the reduction of the graph, which keeps its digits where a stiff state space does not;
         at rest from the state space.
 
-        Raises
-        ------
-        Singular
-            If a response is infinite.
+        Raises Singular if a response is infinite.
         """
         shape = len(omega), len(self._rows), len(self._columns)
         H, slopes = np.empty(shape, dtype=complex), np.empty((*shape, len(self._names)), dtype=complex)

@@ -157,16 +157,8 @@ def with_spreads(
 ) -> tuple[Parameter, ...]:
     """Return parameters with the spread of first guesses of offsets and delays, where nothing else gives it.
 
-    Parameters
-    ----------
-    parameters
-        The unknown parameters (p).
-    instruments
-        Those of a record.
-    step
-        Its sampling step, s.
-    sizes
-        RMS of its channels (channels).
+    `parameters`: the unknown parameters (p); `instruments`: those of a record. `step`: its sampling step, s;
+    `sizes`: RMS of its channels (channels).
     """
     values = {parameter.name: parameter.start for parameter in parameters}
     spans = [

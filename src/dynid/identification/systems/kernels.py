@@ -113,10 +113,8 @@ def tables(model: ParametricModel) -> Any:
 
 
 def _forcing(model: ParametricModel, affine: Affine) -> tuple[Array, Array]:
-    """Return the tables of forcing and of the generator's exponentials; empty if they are large.
-
-    Of every length, its half, its quarter …: lengths x 1 + halvings x degrees x n/2 x q, and … x q x q.
-    """
+    """Return the tables of forcing and of the generator's exponentials; empty if they are large."""
+    # Of every length, its half, its quarter …: lengths x 1 + halvings x degrees x n/2 x q, and … x q x q.
     line = model.line
     drive = (affine.B @ (line.H * model.acting[:, None]) * model.w_scale)[model.states // 2 :]
     degrees, identity = _degree(MAX_SERIES_NORM) + 1, np.eye(len(line.G))
@@ -211,15 +209,9 @@ def outputs(model: ParametricModel, eta: Array) -> Any:
 def record(measured: Array, weights: Array, origin: Array, limits: tuple[float, Array, Array]) -> Any:
     """Return what a pass reads.
 
-    Parameters
-    ----------
-    measured, weights
-        Measured values, and one over the standard deviation of their noise (times x channels).
-    origin
-        Coordinates from which a divergence is measured (p).
-    limits
-        Part of their deviation, and most (p), that coordinates may be off the linearisation; and off the
-        origin (p).
+    `measured`, `weights`: measured values, and one over the standard deviation of their noise (times x
+    channels); `origin`: coordinates from which a divergence is measured (p). `limits`: part of their
+    deviation, and most (p), that coordinates may be off the linearisation; and off the origin (p).
     """
     fraction, max_change, runaway = limits
     return structure(
@@ -275,23 +267,11 @@ def fitted(
 ) -> _Fitted:
     """Return the fit of a record at coordinates (p).
 
-    Parameters
-    ----------
-    model, eta
-        Model and coordinates.
-    values
-        Values of the record (times x channels), NaN where missing.
-    rms, weights
-        What each channel is divided by, and then multiplied with for the first state (channels).
-    root
-        Root of the prior covariance of the first state (n x n).
-    rank
-        Singular values of the derivatives by the first state below this part of the largest are none.
-
-    Raises
-    ------
-    NumericalError
-        If the derivatives by the first state leave the range of double precision.
+    `model`, `eta`: model and coordinates; `values`: values of the record (times x channels), NaN where
+    missing. `rms`, `weights`: what each channel is divided by, and then multiplied with for the first state
+    (channels); `root`: root of the prior covariance of the first state (n x n). `rank`: singular values of
+    the derivatives by the first state below this part of the largest are none. Raises NumericalError if the
+    derivatives by the first state leave the range of double precision.
     """
     (samples, channels), n, p = values.shape, model.states, model.parameters
     fit = _Fitted(

@@ -54,25 +54,10 @@ def known_samples(
 ) -> KnownSamples:
     """Return how many samples to leave out, so that every input is known at the others.
 
-    Parameters
-    ----------
-    signals
-        Inputs, without the delays of the loads.
-    instruments
-        The delays of loads and channels.
-    unknowns
-        The unknown parameters (p).
-    times
-        Sampling times, s.
-    eta, reach
-        Coordinates of the parameters, and how far these may be off (p).
-    at_rest_before
-        True of simulated records, which follow the model from t = 0 on.
-
-    Raises
-    ------
-    UsageError
-        If hardly a sample is left.
+    `signals`: inputs, without the delays of the loads; `instruments`: the delays of loads and channels.
+    `unknowns`: the unknown parameters (p); `times`: sampling times, s. `eta`, `reach`: coordinates of the
+    parameters, and how far these may be off (p); `at_rest_before`: True of simulated records, which follow
+    the model from t = 0 on. Raises UsageError if hardly a sample is left.
     """
     nearest = _left_out(signals, instruments, unknowns, times, (eta, 0.0 * reach), at_rest_before)
     if sum(nearest) > len(times) - _MIN_SAMPLES:

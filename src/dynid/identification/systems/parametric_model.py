@@ -310,12 +310,7 @@ class ParametricModel:
     def rates(self, eta: Array, states: Array) -> Array:
         """Return the derivatives of the outputs by time (times x channels).
 
-        Parameters
-        ----------
-        eta
-            Coordinates of the parameters (p).
-        states
-            States at the sampling times (times x n), scaled.
+        `eta`: coordinates of the parameters (p); `states`: states at the sampling times (times x n), scaled.
         """
         matrices = self.at(eta)
         moving = states @ matrices.A.T + (self.inputs() * self.acting) @ matrices.B.T
@@ -339,21 +334,9 @@ def parametric_model(
 ) -> ParametricModel:
     """Build the augmented model of a record (Yang, eqs 12–13).
 
-    Parameters
-    ----------
-    model
-        The model; its unknowns become parameter states.
-    loads
-        The loads as the estimator knows them.
-    channels
-        The measured quantities.
-    times
-        Sampling times, s.
-
-    Raises
-    ------
-    UsageError
-        If nothing is unknown, nothing is measured, a DOF does not exist, or the record is too large.
+    `model`: the model; its unknowns become parameter states; `loads`: the loads as the estimator knows them.
+    `channels`: the measured quantities; `times`: sampling times, s. Raises UsageError if nothing is unknown,
+    nothing is measured, a DOF does not exist, or the record is too large.
     """
     unknowns = unknowns_of(model)
     if not channels:
@@ -401,10 +384,8 @@ def parametric_model(
 def _freed(
     model: Model, loads: Sequence[Any], channels: Sequence[Any], states: Sequence[StateVariable]
 ) -> tuple[LinearSystem, Instruments] | None:
-    """Return system and instruments with what is considered among the unknown parameters.
-
-    Known values are left out where other values of them would give a graph other states.
-    """
+    """Return system and instruments with what is considered among the unknown parameters."""
+    # Known values are left out where other values of them would give a graph other states.
     for known_parts in (True, False):
         freed = freed_model(model, channels, known_parts=known_parts)
         if freed is None:
@@ -458,10 +439,8 @@ def _timeline(
     values: Mapping[str, float],
     longer: float = 1.0,
 ) -> tuple[Timeline, RecordSampling | None]:
-    """Return the timeline of signals and channels that are delayed as at values of the parameters.
-
-    Samples of signals are `longer` times as far from the first time, and apart, as they say.
-    """
+    """Return the timeline of signals and channels that are delayed as at values of the parameters."""
+    # Samples of signals are `longer` times as far from the first time, and apart, as they say.
     sampling = RecordSampling.of(times, instruments.numbers(instruments.delays, values).value)
     evaluated_times = times if sampling is None else sampling.times
     system_signals = (
@@ -478,10 +457,7 @@ def _timeline(
 def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> LinearSystem:
     """Return a model with the loads and channels of a record.
 
-    Raises
-    ------
-    UsageError
-        If a load or channel makes no sense there.
+    Raises UsageError if a load or channel makes no sense there.
     """
     if isinstance(model, StructuralModel):
         system: LinearSystem = StructureSystem(model, loads, channels)
@@ -494,10 +470,7 @@ def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> Li
 def unknowns_of(model: Model) -> tuple[Parameter, ...]:
     """Return the unknown parameters of a model, of which there must be at least one.
 
-    Raises
-    ------
-    UsageError
-        If there is none.
+    Raises UsageError if there is none.
     """
     if not model.unknowns:
         raise UsageError(

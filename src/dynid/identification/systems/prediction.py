@@ -62,12 +62,7 @@ class Prediction(NamedTuple):
 def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
     """Return the prediction for every initial state, and the steps that it uses.
 
-    Parameters
-    ----------
-    model
-        The augmented model.
-    eta
-        Coordinates of the parameters (p).
+    `eta`: coordinates of the parameters (p).
     """
     model = model.moved(eta)
     line, n = model.line, model.states
@@ -99,14 +94,8 @@ def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
 def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps: Steps) -> Prediction:
     """Return the prediction from `x0` with its sensitivities to the parameters' coordinates.
 
-    Parameters
-    ----------
-    model, eta
-        Model and parameters' coordinates (p).
-    x0
-        Initial state (n), scaled.
-    free, steps
-        The result of `free_prediction` for the same parameters.
+    `model`, `eta`: model and parameters' coordinates (p); `x0`: initial state (n), scaled. `free`, `steps`:
+    the result of `free_prediction` for the same parameters.
     """
     model = model.moved(eta)
     n, p, nodes = model.states, model.parameters, len(model.line.nodes)
@@ -149,12 +138,7 @@ def kernels_used(model: ParametricModel) -> bool:
 def forced_by(model: ParametricModel, eta: Array, loads: Sequence[int]) -> Array:
     """Return the response to some of the loads alone, from the state that they prescribe (times x channels).
 
-    Parameters
-    ----------
-    model, eta
-        Model and parameters' coordinates (p).
-    loads
-        Places of the loads, from 0.
+    `model`, `eta`: model and parameters' coordinates (p); `loads`: places of the loads, from 0.
     """
     driven = model.driven_by(loads)
     free, _ = free_prediction(driven, eta)

@@ -36,12 +36,8 @@ def data(
     their true values; the noise of each channel then has the standard deviation noise ratio x RMS. `clean`
     are the values without noise, if they are simulated already.
 
-    Raises
-    ------
-    UsageError
-        If a true value is missing for a simulation.
-    NotIdentifiable
-        If a channel has no samples or measures nothing but zeros.
+    Raises UsageError if a true value is missing for a simulation. Raises NotIdentifiable if a channel has no
+    samples or measures nothing but zeros.
     """
     given_noise = measurement.given_noise
     if isinstance(measurement.source, Simulation):

@@ -60,10 +60,7 @@ class StructureSystem(LinearSystem):
     def check(self) -> None:
         """Refuse a structure in which a motion has no mass: its displacements are no states.
 
-        Raises
-        ------
-        UsageError
-            With the remedies.
+        Raises UsageError, with the remedies.
         """
         M = self.model.dense(_references(self.model))[0]
         if some := massless_motion(self._driven.mass(M)):
@@ -175,10 +172,7 @@ class StructureSystem(LinearSystem):
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the responses of pairs of a channel and a load, dH = -H dZ H on the dynamic stiffness Z.
 
-        Raises
-        ------
-        Singular
-            If a line lies on an undamped pole, to rounding.
+        Raises Singular if a line lies on an undamped pole, to rounding.
         """
         key = tuple(values.items()), omega.tobytes(), tuple(pairs), slopes
         if self._last is None or self._last[0] != key:  # a noise model is renewed at the same values
@@ -248,11 +242,10 @@ class StructureSystem(LinearSystem):
         motions: tuple[ComplexArray, NDArray[np.intp]],
         within: Callable[[Array], Array] = lambda matrix: matrix,
     ) -> ComplexArray:
-        """Return the derivatives of responses (L x pairs x p) by the values of the parameters.
-
-        `motions`: those by forces in some directions, in some coordinates (L x a x e), and the places of each
-        pair's force and read-out among the directions; `within` returns a matrix in these coordinates.
-        """
+        """Return the derivatives of responses (L x pairs x p) by the values of the parameters."""
+        # `motions`: those by forces in some directions, in some coordinates (L x a x e), and the places of
+        # each pair's force and read-out among the directions; `within` returns a matrix in these
+        # coordinates.
         motion, (force, read) = motions
         forces, of_pair = np.unique(force, return_inverse=True)
         moved = np.zeros((*factor.shape, len(self.unknowns)), dtype=complex)
