@@ -15,20 +15,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Default(Generic[T]):
-    """A default choice.
+    """A default choice; in its sentence ``{value}`` stands for the value."""
 
-    Parameters
-    ----------
-    value
-        The threshold, or the chosen option.
-    benchmark
-        The benchmark whose table justifies it (`dynid bench NAME`).
-    sentence
-        The choice as a sentence; ``{value}`` stands for the value.
-    """
-
-    value: T
-    benchmark: str
+    value: T  # the threshold, or the chosen option
+    benchmark: str  # whose table justifies it (`dynid bench NAME`)
     sentence: str
 
     def __str__(self) -> str:
@@ -37,15 +27,7 @@ class Default(Generic[T]):
 
 @dataclass(frozen=True)
 class _Threshold(Generic[T]):
-    """A threshold that no benchmark justifies.
-
-    Parameters
-    ----------
-    value
-        The threshold.
-    sentence
-        What it decides, as a sentence; ``{value}`` stands for the value.
-    """
+    """A threshold that no benchmark justifies; in its sentence ``{value}`` stands for the value."""
 
     value: T
     sentence: str

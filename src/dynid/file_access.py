@@ -35,12 +35,9 @@ _ABANDONED = 600.0
 
 
 def check_readable(path: Path, names: Sequence[str] = ()) -> None:
-    """Refuse a path that is no file, or one that cannot be read; nothing is opened: a pipe would wait.
+    """Raise `FileError`, with `names` of keys, for a path that is no file, or one that cannot be read.
 
-    Raises
-    ------
-    FileError
-        With the `names` of the keys of the scene.
+    Nothing is opened: a pipe would wait.
     """
     if not os.path.isfile(path):  # noqa: PTH113 (False, too, for a name that no file can have)
         remedy = "Paths in a scene are relative to the scene's folder."
@@ -50,21 +47,9 @@ def check_readable(path: Path, names: Sequence[str] = ()) -> None:
 
 
 def descriptor_of(path: str, flags: int = 0, *, links: bool = False) -> int:
-    """Return the descriptor of a file of bytes, open for reading and writing.
+    """Return the descriptor of a file of bytes, open for reading and writing, with flags of `os.open`.
 
-    Parameters
-    ----------
-    path
-        The file.
-    flags
-        Further flags of `os.open`, such as `os.O_CREAT`.
-    links
-        Symbolic links are followed.
-
-    Raises
-    ------
-    OSError
-        If it cannot be opened, or is a symbolic link where none is followed.
+    Raises `OSError` if it cannot be opened, or is a symbolic link and `links` are not followed.
     """
     if not links and not _NO_LINK and os.path.islink(path):  # noqa: PTH114 - Windows
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), path)
@@ -156,19 +141,9 @@ def _runs(process: int) -> bool:
 
 
 def replace_file(path: str | os.PathLike[str], content: bytes) -> None:
-    """Replace a file atomically: its name refers to the old content or to the new, never to a part.
+    """Replace a file, of a link its target: its name refers to the old content or the new, never to a part.
 
-    Parameters
-    ----------
-    path
-        The file; of a symbolic link, its target.
-    content
-        All of the new content.
-
-    Raises
-    ------
-    FileError
-        When it cannot be written; the old file is untouched then.
+    Raises `FileError` when it cannot be written; the old file is untouched then.
     """
     with replacing(path) as temporary, os.fdopen(os.open(temporary, os.O_WRONLY), "wb") as file:
         file.write(content)
@@ -178,10 +153,7 @@ def replace_file(path: str | os.PathLike[str], content: bytes) -> None:
 def replacing(path: str | os.PathLike[str]) -> Iterator[str]:
     """Yield the name of an empty file that replaces `path` at the end, unless an exception is raised.
 
-    Raises
-    ------
-    FileError
-        When it cannot be written; the old file is untouched then.
+    Raises `FileError` when it cannot be written; the old file is untouched then.
     """
     name = os.fspath(path)
     try:

@@ -41,12 +41,8 @@ class Refused(ValueError):
 def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
     """Open an HDF5 file for reading, after a trial.
 
-    Raises
-    ------
-    FileError
-        Where it is no regular file, or does not match its checksum.
-    OSError
-        As `h5py.File` does, and where the HDF5 library does not survive reading it.
+    Raises `FileError` where it is no regular file, or does not match its checksum; `OSError` as `h5py.File`
+    does, and where the HDF5 library does not survive reading it.
     """
     import h5py
 
@@ -101,10 +97,7 @@ def _matches(name: str, size: int) -> bool | None:
 def inside(group: Any, path: str) -> Any:
     """Return the object at a path of a file, or None where there is none.
 
-    Raises
-    ------
-    Refused
-        Where a link on the way leads into another file, or links go in a circle.
+    Raises `Refused` where a link on the way leads into another file, or links go in a circle.
     """
     import h5py
 
@@ -131,12 +124,9 @@ def inside(group: Any, path: str) -> Any:
 
 
 def check_stored(dataset: Any) -> None:
-    """Raise unless the values of a dataset are stored in the file itself, all of them.
+    """Raise `Refused` unless the values of a dataset are stored in the file itself, all of them.
 
-    Raises
-    ------
-    Refused
-        Where they are in other files, or reading them would take far more memory than the file justifies.
+    They are refused, too, where reading them would take far more memory than the file justifies.
     """
     name = str(dataset.name).lstrip("/")
     if dataset.shape is None:
@@ -186,13 +176,7 @@ def _missing_filter(dataset: Any) -> str:
 
 
 def check_all_stored(file: Any) -> None:
-    """Raise unless the values of all datasets are stored in a file, and no link leads into another one.
-
-    Raises
-    ------
-    Refused
-        As `inside` and `check_stored`.
-    """
+    """Raise `Refused` unless the values of all datasets are stored in a file, and no link leads out."""
     import h5py
 
     groups = [file]

@@ -12,16 +12,9 @@ _MAX_LISTED_NAMES = 500
 
 
 class ScopePart(NamedTuple):
-    """The kept and the omitted items of one kind.
+    """The kept and the omitted items of one kind: elements, states, modes, parameters, engines, results, ….
 
-    Parameters
-    ----------
-    name
-        The kind of item: elements, states, modes, parameters, engines, results, ….
-    kept, left_out
-        Names, or a number where they have none.
-    why
-        Reason for the omission; empty where nothing was omitted.
+    They are names, or a number where they have none; `why` is the reason for the omission.
     """
 
     name: str
@@ -38,21 +31,10 @@ def divided(name: str, all_names: Iterable[str], kept: Iterable[str], why: str) 
 
 
 def add_model_scope(result: Result, holder: str, parts: Sequence[ScopePart]) -> None:
-    """Add the scope of a model to a result.
+    """Add the scope of a model to a result, in the group of its kind.
 
-    Parameters
-    ----------
-    result
-        The result.
-    holder
-        Group of its kind.
-    parts
-        The parts.
-
-    Notes
-    -----
-    ``<holder>/need/{part, kept, left_out, kept_names, left_out_names, why}``: counts, and names where
-    the items have them.
+    ``<holder>/need/{part, kept, left_out, kept_names, left_out_names, why}``: counts, and names where the
+    items have them.
     """
     group, dims = f"{holder}/need", ("part",)
     result.add_axis(f"{group}/part", [row.name for row in parts])

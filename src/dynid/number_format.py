@@ -24,12 +24,7 @@ _LEAST_P = 1e-300
 def quantity(value: float, error: float | None = None) -> str:
     """Return a number with at least four significant digits and spaces between thousands.
 
-    Parameters
-    ----------
-    value
-        The number.
-    error
-        Its standard error: where that is small, the number is written to the second digit of the error.
+    With a small standard error it is written to the second digit of the error.
     """
     if not math.isfinite(value):
         return "-" if math.isnan(value) else ("∞" if value > 0 else "-∞")
@@ -47,13 +42,6 @@ def with_error(value: float, error: float) -> str:
     """Return a number and its standard error, both to the second significant digit of the error.
 
     An error below the sixth decimal is written as a power of ten; very large and very small numbers are too.
-
-    Parameters
-    ----------
-    value
-        The number.
-    error
-        Its standard error.
     """
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return f"{quantity(value)} ± {quantity(error)}"
@@ -124,14 +112,9 @@ def frequency_text(omega: float, digits: int = 4) -> str:
 
 
 def root_text(root: complex, *, hertz: bool = False) -> str:
-    """Return a real root, or a conjugate pair.
+    """Return a real root, or a conjugate pair, rad/s.
 
-    Parameters
-    ----------
-    root
-        A pole or a zero, rad/s.
-    hertz
-        Add the unit, and behind a complex root its natural frequency f_n = |s| / 2π in Hz.
+    `hertz` adds the unit, and behind a complex root its natural frequency f_n = |s| / 2π in Hz.
     """
     if root.imag == 0:
         said = f"{root.real:.4g}"

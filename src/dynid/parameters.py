@@ -21,21 +21,11 @@ Scale = Literal["log", "linear"]
 
 
 class ParameterPrior(NamedTuple):
-    """Prior of an unknown parameter: its expected value and its standard deviation, relative or absolute.
-
-    Parameters
-    ----------
-    value
-        The expected value.
-    relative_deviation
-        Standard deviation over the expected value.
-    deviation
-        Standard deviation in the parameter's unit, instead of the relative one.
-    """
+    """Prior of an unknown parameter: its expected value and its standard deviation."""
 
     value: float
-    relative_deviation: float = math.nan
-    deviation: float = math.nan
+    relative_deviation: float = math.nan  # standard deviation over the expected value
+    deviation: float = math.nan  # in the parameter's unit, instead of the relative one
 
     @property
     def relative(self) -> float:
@@ -206,13 +196,7 @@ def expected(parameters: Sequence[Parameter]) -> Mapping[str, float]:
 
 
 def true_values(parameters: Sequence[Parameter]) -> dict[str, float]:
-    """Return the true values by name.
-
-    Raises
-    ------
-    UsageError
-        If one is not known.
-    """
+    """Return the true values by name; raises `UsageError` if one is not known."""
     missing = [parameter.name for parameter in parameters if parameter.true is None]
     if missing:
         raise UsageError(

@@ -19,10 +19,7 @@ _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
 def progress_to(listener: Listener) -> Iterator[None]:
     """Pass the progress reported within to a listener.
 
-    Parameters
-    ----------
-    listener
-        Called with a short text in the thread that does the work; it must return quickly.
+    It is called with a short text in the thread that does the work, and must return quickly.
 
     Examples
     --------

@@ -375,14 +375,9 @@ GATHERED_ANYWAY = frozenset({"properties", "parameters"})
 
 
 class Selection(Result):
-    """A result that keeps the arrays that `collect` may name, and all coordinates.
+    """A result that keeps all coordinates, and the arrays that `collect` may name.
 
-    Parameters
-    ----------
-    kind
-        The kind of scene that produced it.
-    collect
-        Paths, groups, or patterns with `*`, as for `dynid.scene.outcomes.gather`.
+    These are paths, groups, or patterns with `*`, as for `dynid.scene.outcomes.gather`.
     """
 
     def __init__(self, kind: str, collect: Iterable[str]) -> None:

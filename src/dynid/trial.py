@@ -58,16 +58,9 @@ class ProcessDied(Exception):
 class ChildProcess:
     """A silent process that runs one call at a time, can be killed, and ends with this one.
 
-    Calls and replies are pickled. The process imports what this one can.
-
-    Parameters
-    ----------
-    environment
-        Environment variables besides those of this process.
-    python
-        The interpreter; default: that of this process. Another one has its own paths.
-    memory
-        The most memory that it may claim, bytes, where the system can limit it; 0: no limit.
+    Calls and replies are pickled. The process imports what this one can; another interpreter (`python`) has
+    its own paths. `environment` are variables besides those of this process, `memory` is the most memory that
+    it may claim, bytes, where the system can limit it; 0: no limit.
 
     Raises
     ------
@@ -94,21 +87,12 @@ class ChildProcess:
         threading.Thread(target=_receive, args=(self._process.stdout, self._replies), daemon=True).start()
 
     def run(self, seconds: float | None, call: Callable[..., Any] | str, *arguments: Any) -> Any:
-        """Return the value of a call, or raise its exception.
-
-        Parameters
-        ----------
-        seconds
-            After this time the process is killed; None: no limit.
-        call
-            A function, also as ``package.module:function``.
-        *arguments
-            Its arguments.
+        """Return the value of a call, a function or ``package.module:function``, or raise its exception.
 
         Raises
         ------
         TimeLimitExceeded
-            If the call takes longer.
+            If the call takes longer than `seconds`, unless that is None. The process is killed.
         ProcessDied
             If the process ends.
         """
@@ -163,17 +147,9 @@ class ChildProcess:
 def survives(function: str, *arguments: str, seconds: float = SECONDS, memory: int = 0) -> bool | None:
     """Return True if a separate process survives calling a function, False if not, None where none can start.
 
-    Parameters
-    ----------
-    function
-        As ``package.module:function``. An error that it raises counts as a process that could not start; a
-        lack of memory as one that did not survive.
-    *arguments
-        Its arguments.
-    seconds
-        After this time the process is ended, and did not survive.
-    memory
-        As of `ChildProcess`.
+    An error that the function (``package.module:function``) raises counts as a process that could not start;
+    a lack of memory (`memory` as of `ChildProcess`) and one that takes longer than `seconds` as one that did
+    not survive.
     """
     if not _can_start():
         return None
@@ -199,14 +175,8 @@ def survives(function: str, *arguments: str, seconds: float = SECONDS, memory: i
 def messages(function: str, *arguments: str, seconds: float) -> Iterator[Any] | None:
     """Return what a separate process sends while it calls a function; None where none can start.
 
-    Parameters
-    ----------
-    function
-        As ``package.module:function``; called with a function that sends.
-    *arguments
-        Its further arguments.
-    seconds
-        After this time the process is ended, and what it has sent until then is all there is.
+    The function (``package.module:function``) is called with a function that sends. After `seconds` the
+    process is ended, and what it has sent until then is all there is.
     """
     try:
         child = ChildProcess() if _can_start() else None

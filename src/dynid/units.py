@@ -249,21 +249,9 @@ def unit_fits(text: str, expected: Sequence[str]) -> bool:
 def si_factor(text: str, expected: Sequence[str] = (), *, over: str = "", what: str = "") -> float:
     """Return the factor that converts values in a unit into SI.
 
-    Parameters
-    ----------
-    text
-        The unit.
-    expected
-        Units, one of whose dimensions it must have; none: any.
-    over
-        The unit of a sensitivity, by which it is divided.
-    what
-        The quantity that is measured, for messages.
-
-    Raises
-    ------
-    UsageError
-        If the text is no unit, or has another dimension; it names units that fit.
+    The unit must have a dimension of one of the units `expected`, if there are any. It is divided by the unit
+    of a sensitivity (`over`). `what` is the quantity that is measured, for messages. Raises `UsageError` if
+    the text is no unit, or has another dimension; it names units that fit.
     """
     try:
         factors = [above / below for above, below in product(readings(text), readings(over or "1"))]
@@ -308,10 +296,7 @@ def si_unit(unit: str, meaning: Unit) -> str:
 def angular_factor(text: str | None) -> float:
     """Return the factor that converts frequencies in a unit into rad/s: 2π of Hz, 1 of rad/s or no unit.
 
-    Raises
-    ------
-    UsageError
-        If the text is no unit of a frequency.
+    Raises `UsageError` if the text is no unit of a frequency.
     """
     if text is None:
         return 1.0
@@ -354,16 +339,8 @@ def _fitting(unit: Unit, expected: Sequence[str]) -> bool:
 def readings(text: str) -> tuple[Unit, ...]:
     """Return the units that a text may mean: one, or two of `g` and `lb`.
 
-    Parameters
-    ----------
-    text
-        Names with powers (`s2`, `s^-2`, `s²`), products (`.`, `·`, `*`, `-`, a space), quotients (a further
-        one divides again) and parentheses.
-
-    Raises
-    ------
-    UnknownUnitError
-        If it is no unit.
+    The text has names with powers (`s2`, `s^-2`, `s²`), products (`.`, `·`, `*`, `-`, a space), quotients (a
+    further one divides again) and parentheses. Raises `UnknownUnitError` if it is no unit.
     """
     plain = _plain(text)
     if not plain or len(plain) > _MAX_UNIT_CHARACTERS:

@@ -28,33 +28,17 @@ DEFAULT_RUN = 170.0
 
 @dataclass(frozen=True)
 class Alternative:
-    """One way to do the work of a benchmark.
+    """One way to do the work of a benchmark."""
 
-    Parameters
-    ----------
-    name
-        Its name in the results.
-    work
-        Function of the problem, which is timed: its result.
-    problem
-        Function of a size that prepares the problem, untimed; default: that of the benchmark.
-    needs
-        Packages that it needs besides the dependencies of dynid.
-    min_size, max_size
-        Smallest and largest size at which it is measured.
-    peer
-        True for the method of another project, which the default of dynid should not lose to.
-    unavailable
-        Function that returns what else is missing, such as a file of data, or an empty text.
-    """
-
-    name: str
-    work: Callable[[Any], Any]
+    name: str  # in the results
+    work: Callable[[Any], Any]  # function of the problem, which is timed: its result
+    #: Prepares the problem of a size, untimed; default: that of the benchmark
     problem: Callable[[int], Any] | None = None
-    needs: tuple[str, ...] = ()
-    min_size: int = 0
+    needs: tuple[str, ...] = ()  # packages besides the dependencies of dynid
+    min_size: int = 0  # at which it is measured
     max_size: int | None = None
-    peer: bool = False
+    peer: bool = False  # of another project; the default of dynid should not lose to it
+    #: Returns what else is missing, such as a file of data, or an empty text
     unavailable: Callable[[], str] = str
 
     def missing(self) -> str:
@@ -92,43 +76,17 @@ class TimeLimit(NamedTuple):
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A task of several sizes, and the alternatives for it.
-
-    Parameters
-    ----------
-    title
-        Short description of the task.
-    size
-        Unit of the sizes.
-    sizes
-        The sizes of a default run.
-    alternatives
-        The alternatives, those of dynid first.
-    error
-        Function of a size and a result: its error against an exact or high-precision reference.
-    problem
-        Function of a size: what the alternatives work on; default: the size itself.
-    measure
-        Definition of the error.
-    default
-        Function of a size: the alternative that dynid uses there by default; default: none.
-    full
-        Sizes that `--full` adds.
-    limits
-        Limits of times relative to others.
-    remark
-        Remark on the results.
-    """
+    """A task of several sizes, and the alternatives for it."""
 
     title: str
-    size: str
-    sizes: tuple[int, ...]
-    alternatives: Sequence[Alternative]
-    error: Callable[[int, Any], float]
-    problem: Callable[[int], Any] = int
-    measure: str = "largest relative error"
-    default: Callable[[int], str] | None = None
-    full: tuple[int, ...] = ()
+    size: str  # unit of the sizes
+    sizes: tuple[int, ...]  # of a default run
+    alternatives: Sequence[Alternative]  # those of dynid first
+    error: Callable[[int, Any], float]  # of a size and a result, against an exact or high-precision reference
+    problem: Callable[[int], Any] = int  # of a size: what the alternatives work on
+    measure: str = "largest relative error"  # definition of the error
+    default: Callable[[int], str] | None = None  # the alternative that dynid uses by default at a size
+    full: tuple[int, ...] = ()  # sizes that `--full` adds
     limits: tuple[TimeLimit, ...] = ()
     remark: str = ""
 

@@ -50,24 +50,11 @@ def run_benchmarks(
     clock: str = "wall",
     seconds: float = math.inf,
 ) -> Result:
-    """Run benchmarks.
+    """Run benchmarks of `BENCHMARKS`; `progress` is called with a line before each measurement.
 
-    Parameters
-    ----------
-    names
-        Names from `BENCHMARKS`.
-    sizes
-        Sizes by name; default: those of each benchmark.
-    progress
-        Called with a line before each measurement.
-    full
-        True to add the larger sizes of the benchmarks, which take minutes.
-    clock
-        ``wall`` or ``processor`` time, which depends little on other work on the machine.
-    seconds
-        Limit of the total time, s: each benchmark may use the time that those after it do not need
-        (`BENCHMARKS`). Its smallest size is always measured; others that exceed the time are left out, and
-        named.
+    `full` adds the larger sizes, which take minutes. `clock` is ``wall`` or ``processor``. `seconds` limits
+    the total time: each benchmark may use the time that those after it do not need. Its smallest size is
+    always measured; others that exceed the time are left out, and named.
 
     Returns
     -------

@@ -246,13 +246,7 @@ _STRENGTHS = ((2.0, "hardly"), (6.0, "positively"), (10.0, "strongly"), (math.in
 
 
 def compare_identifications(a: Result, b: Result) -> list[str]:
-    """Return the comparison of two identifications of one record in words; empty where they are not two such.
-
-    Parameters
-    ----------
-    a, b
-        The results, called first and second.
-    """
+    """Return the comparison of two identifications of one record (first, second) in words, else none."""
     needed = (f"{_DIAGNOSTICS}/log_likelihood", f"{_DIAGNOSTICS}/bic", f"{_DIAGNOSTICS}/free_parameters")
     if a.rejected or b.rejected:
         return []

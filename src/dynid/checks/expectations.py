@@ -193,23 +193,9 @@ def samples_meet(
     sample: Callable[[int], Result],
     expectations: Iterable[Mapping[str, Any]],
 ) -> NDArray[np.bool_]:
-    """Return a mask of the expectations that each sample meets, for all samples at once.
+    """Return a mask (sample x expectation) of the expectations that each sample meets, for all at once.
 
-    Parameters
-    ----------
-    samples
-        Arrays by path, the samples along their first axis.
-    count
-        Number of samples.
-    sample
-        Returns the result of one sample.
-    expectations
-        As for `check_expectations`.
-
-    Returns
-    -------
-    ndarray
-        Sample x expectation.
+    `samples` are arrays by path, the samples along their first axis; `sample` returns the result of one.
     """
     first = sample(0)
     columns = []
@@ -280,27 +266,13 @@ def _lookup(result: Result, path: str) -> Variable:
 
 @dataclass(frozen=True)
 class _Demand:
-    """What is expected of all entries of an array.
+    """What is expected of all entries of an array."""
 
-    Parameters
-    ----------
-    met
-        Mask of the entries that meet it.
-    words
-        The words before the expected value.
-    compared
-        The entries, or their magnitudes.
-    expected
-        The expected values.
-    tolerance
-        The unit in which a miss is large.
-    """
-
-    met: NDArray[Any]
-    words: str
-    compared: NDArray[Any]
-    expected: NDArray[Any]
-    tolerance: NDArray[Any]
+    met: NDArray[Any]  # mask of the entries that meet it
+    words: str  # before the expected value
+    compared: NDArray[Any]  # the entries, or their magnitudes
+    expected: NDArray[Any]  # the expected values
+    tolerance: NDArray[Any]  # unit in which a miss is large
 
     def misses(self) -> NDArray[np.intp]:
         """Return the indices of the entries that miss, the worst one first: miss x axis."""
@@ -407,16 +379,9 @@ _NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 
 
 def junit_xml(outcomes: Iterable[CheckOutcome], name: str, error: str = "") -> str:
-    """Write outcomes as a JUnit XML document, one test case each; an error is a case of its own.
+    """Return outcomes as a JUnit XML document, one test case each, in a suite with a name.
 
-    Parameters
-    ----------
-    outcomes
-        The outcomes.
-    name
-        The test suite's name, such as the scene's.
-    error
-        Message of the error that ended the run before anything was checked; empty: there is none.
+    `error` is the message of the error that ended the run before anything was checked: a case of its own.
     """
     from xml.etree import ElementTree
 

@@ -55,18 +55,11 @@ def transfer_functions_json(result: Result) -> bytes:
 
 
 def answer_json(result: Result, warnings: Sequence[str]) -> str:
-    """Return the answer of a result as one JSON object: kind, title, status, answer, warnings.
+    """Return the answer of a result, with the warnings of its run, as one JSON object.
 
-    `answer` has every array of at most 100 entries by its path: numbers, Booleans, texts and nested lists
-    of them; complex numbers are pairs of real and imaginary part, infinite ones the texts "inf" and "-inf",
-    and NaN is null.
-
-    Parameters
-    ----------
-    result
-        The result.
-    warnings
-        The warnings of the run.
+    Its keys are kind, title, status, answer and warnings. `answer` has every array of at most 100 entries by
+    its path: numbers, Booleans, texts and nested lists of them; complex numbers are pairs of real and
+    imaginary part, infinite ones the texts "inf" and "-inf", and NaN is null.
     """
     document = {
         "kind": result.kind,
@@ -138,10 +131,7 @@ def _reductions(result: Result) -> dict[str, dict[str, NDArray[Any]]]:
 def matrix_market_files(result: Result) -> dict[str, bytes]:
     """Return the matrices of every reduction as Matrix Market files, by file name: `serep.mass.mtx`.
 
-    Raises
-    ------
-    UsageError
-        Where the result holds no reduced model.
+    Raises `UsageError` where the result holds no reduced model.
     """
     from scipy.io import mmwrite
 

@@ -78,18 +78,8 @@ def write_blocks(
 ) -> None:
     """Write a result whose long arrays come in blocks, so that they are never in memory as a whole.
 
-    Parameters
-    ----------
-    result
-        The result. Of hollow arrays only axes, shape and type are used.
-    path
-        The file; an existing one is replaced, when all is written.
-    blocks
-        Every row of the hollow arrays, in blocks.
-    complete
-        False for an interrupted result.
-    finish
-        Computes further hollow arrays once all blocks are written.
+    Of hollow arrays of the result only axes, shape and type are used; `blocks` have every row of them.
+    `finish` computes further hollow arrays once all blocks are written.
 
     Raises
     ------
@@ -153,14 +143,7 @@ def read_result(path: str | os.PathLike[str], partial: bool = False) -> Result:
 
 @contextmanager
 def open_stored(path: str | os.PathLike[str], partial: bool = False) -> Iterator[Result]:
-    """Open a result whose arrays stay in the file, and are read on request.
-
-    Parameters
-    ----------
-    path
-        The file.
-    partial
-        True to accept an interrupted result.
+    """Open a result whose arrays stay in the file, and are read on request; `partial` as of `read_result`.
 
     Raises
     ------

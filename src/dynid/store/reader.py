@@ -109,18 +109,10 @@ class StoredVariable(Variable):
 
 
 def read_root(file: Any, name: str, stored: bool = False, partial: bool = False) -> Result:
-    """Read the result that an open file holds.
+    """Read the result that an open file holds; its name is for messages.
 
-    Parameters
-    ----------
-    file
-        The open file.
-    name
-        Its name, for messages.
-    stored
-        True to leave arrays in the file, which must stay open, until they are requested.
-    partial
-        True to accept an interrupted result.
+    `stored` leaves arrays in the file, which must stay open, until they are requested; `partial` accepts an
+    interrupted result.
 
     Raises
     ------
@@ -154,13 +146,7 @@ def read_root(file: Any, name: str, stored: bool = False, partial: bool = False)
 
 
 def refuse_unknown(number: int, name: str) -> None:
-    """Raise for a file of a format that this version cannot read.
-
-    Raises
-    ------
-    FileError
-        Naming the formats that can be read.
-    """
+    """Raise `FileError` for a file of a format that this version cannot read, with those that it can."""
     if number > CURRENT:
         problem = f"{name} has format {number}; this dynid reads formats up to {CURRENT}"
         raise FileError(problem, remedy="Update dynid to read it.", names=[name])

@@ -28,17 +28,7 @@ _KINDS: dict[str, ColumnKind] = {"b": "truth", "i": "integer", "f": "number", "O
 
 @dataclass(frozen=True)
 class TableColumn:
-    """One column.
-
-    Parameters
-    ----------
-    name
-        Its name.
-    kind
-        Kind of its values. Integers and Booleans may come as floats, with NaN for missing values.
-    units
-        Its SI units.
-    """
+    """One column: integers and Booleans may come as floats, with NaN for missing values."""
 
     name: str
     kind: ColumnKind = "number"
@@ -54,21 +44,9 @@ class _RowBatches(Protocol):
 
 @dataclass(frozen=True)
 class ExportTable:
-    """Named columns with units, whose rows come in batches.
+    """Named columns with units, whose rows come in batches; NaN and the empty text mark missing values."""
 
-    Parameters
-    ----------
-    name
-        Its name, without slashes.
-    fields
-        Its columns.
-    batches
-        Returns its rows. NaN and the empty text mark missing values.
-    attrs
-        Attributes of the table.
-    """
-
-    name: str
+    name: str  # without slashes
     fields: tuple[TableColumn, ...]
     batches: _RowBatches
     attrs: Mapping[str, str] = field(default_factory=dict)
@@ -105,19 +83,11 @@ NamedArray = tuple[str, Variable]
 
 
 def tables_of(result: Result) -> list[ExportTable]:
-    """Return all arrays of a result as tables, by group and axes.
+    """Return all arrays of a result, in memory or stored, as tables, by group and axes.
 
-    Parameters
-    ----------
-    result
-        The result, in memory or stored.
-
-    Returns
-    -------
-    list of ExportTable
-        Arrays without axes make one row. Others have a row for each entry, with the labels of its axes in the
-        first columns (their coordinates, or numbers from 1). The name is the group's, with dots for slashes;
-        of a group with several tables followed by the axes. Complex numbers are two columns, `.re` and `.im`.
+    Arrays without axes make one row. Others have a row for each entry, with the labels of its axes in the
+    first columns (their coordinates, or numbers from 1). The name is the group's, with dots for slashes; of a
+    group with several tables followed by the axes. Complex numbers are two columns, `.re` and `.im`.
     """
     groups: dict[str, dict[tuple[str, ...], list[NamedArray]]] = {}
     for path in sorted(result):
@@ -205,12 +175,8 @@ def write_csv(table: ExportTable, path: str | os.PathLike[str]) -> None:
 
     Numbers are written with all digits, so that they read back the same. Control characters in texts are
     written as escapes. A text that a spreadsheet would evaluate as a formula (it begins with =, +, - or @ and
-    is no number) is preceded by an apostrophe.
-
-    Raises
-    ------
-    FileError
-        When the file cannot be written; an existing one is untouched then.
+    is no number) is preceded by an apostrophe. Raises `FileError` when the file cannot be written; an
+    existing one is untouched then.
     """
     with replacing(path) as temporary, Path(temporary).open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -228,12 +194,8 @@ def write_csv(table: ExportTable, path: str | os.PathLike[str]) -> None:
 def write_parquet(table: ExportTable, path: str | os.PathLike[str]) -> None:
     """Write a table as Parquet: missing values are null, units are metadata of the fields.
 
-    Raises
-    ------
-    UsageError
-        Where pyarrow is not installed.
-    FileError
-        When the file cannot be written; an existing one is untouched then.
+    Raises `UsageError` where pyarrow is not installed, `FileError` when the file cannot be written; an
+    existing one is untouched then.
     """
     try:
         import pyarrow as pa  # type: ignore[import-untyped, unused-ignore]

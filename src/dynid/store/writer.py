@@ -152,13 +152,7 @@ def _stored_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
 
 
 class Sink:
-    """A file open for reading and writing, as h5py takes it.
-
-    Parameters
-    ----------
-    path
-        The file, which exists.
-    """
+    """An existing file open for reading and writing, as h5py takes it."""
 
     def __init__(self, path: str) -> None:
         self._descriptor = descriptor_of(path, links=True)

@@ -38,14 +38,9 @@ def spread(factor: StudyFactor) -> NDArray[Any]:
 
 
 def quantiles(factor: StudyFactor, unit: NDArray[np.float64]) -> NDArray[Any] | Sequence[Any]:
-    """Return the quantiles of a factor's distribution.
+    """Return the quantiles of a factor's distribution at probabilities strictly between 0 and 1.
 
-    Parameters
-    ----------
-    factor
-        A distribution; a range is uniform on its scale; listed values are equally likely.
-    unit
-        Probabilities strictly between 0 and 1.
+    A range is uniform on its scale; listed values are equally likely.
     """
     if isinstance(factor, Listed):
         count = len(factor.values)
@@ -103,22 +98,11 @@ def _normal(factor: Normal, unit: NDArray[np.float64]) -> NDArray[np.float64]:
 def unit_samples(
     method: str, count: int, factors: int, seed: int, indices: bool = False
 ) -> NDArray[np.float64]:
-    """Return points inside the unit cube (samples x factors).
+    """Return points inside the unit cube (samples x factors); equal seeds give equal points.
 
-    Parameters
-    ----------
-    method
-        `random`, `latin-hypercube` (one point at random in each of `count` strata of each factor) or `sobol`
-        (scrambled; a power of two is balanced).
-    count
-        Number of points.
-    factors
-        Number of dimensions.
-    seed
-        Seed; equal seeds give equal points.
-    indices
-        Return Saltelli's design for Sobol indices: `count * (factors + 2)` points, the blocks A, B and, for
-        each factor i, A with its column i from B.
+    Methods: `random`, `latin-hypercube` (one point at random in each of `count` strata of each factor) or
+    `sobol` (scrambled; a power of two is balanced). With `indices` it is Saltelli's design for Sobol indices:
+    `count * (factors + 2)` points, the blocks A, B and, for each factor i, A with its column i from B.
 
     References
     ----------
@@ -159,22 +143,11 @@ def _inside(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def correlated(
     unit: NDArray[np.float64], pairs: Sequence[tuple[int, int, float]], strata: bool
 ) -> NDArray[np.float64]:
-    """Return points of the unit cube whose normal scores have given correlations.
+    """Return points of the unit cube (samples x factors) whose normal scores have given correlations.
 
-    Parameters
-    ----------
-    unit
-        Independent points (samples x factors).
-    pairs
-        Pairs of factors with their correlation.
-    strata
-        Reorder the values of each factor (Iman & Conover), which keeps a Latin hypercube; else use a Gaussian
-        copula.
-
-    Raises
-    ------
-    UsageError
-        If the correlation matrix is not positive definite.
+    `pairs` are pairs of factors with their correlation. With `strata` the values of each factor are reordered
+    (Iman & Conover), which keeps a Latin hypercube; else by a Gaussian copula. Raises `UsageError` if the
+    correlation matrix is not positive definite.
 
     References
     ----------

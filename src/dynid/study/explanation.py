@@ -26,20 +26,7 @@ _TRIED = 4
 
 
 def explain_study(plan: Plan, target: str) -> Explanation:
-    """Explain a study.
-
-    Parameters
-    ----------
-    plan
-        The plan of the study.
-    target
-        The file to write; its finished samples are not run again.
-
-    Returns
-    -------
-    Explanation
-        Causality or identifiability of the scene, and how its samples are run.
-    """
+    """Explain a study: its scene, and how the samples are run that are not finished in the file to write."""
     base = explain(plan.base)
     paths = list(plan.settings)
     report_progress("how samples are run")

@@ -43,12 +43,7 @@ _LOCK_BYTE, _MAX_HOLDER_BYTES = 1, 200
 class _StudyArray:
     """Layout of one array of the results, complete when all samples have been added.
 
-    Parameters
-    ----------
-    place
-        The row of the first sample that has the array, and its place there.
-    variable
-        The array of that sample.
+    `position` is the row of the first sample that has the array, and its place there.
     """
 
     def __init__(self, path: str, position: tuple[int, int], variable: Variable) -> None:
@@ -178,39 +173,17 @@ _STATUS = np.array(["pending", "done", "failed"], dtype=object)
 
 @dataclass(frozen=True)
 class StudyHeading:
-    """Content of the file of a study except the outcomes.
-
-    Parameters
-    ----------
-    title
-        The study's title.
-    text
-        Its YAML text.
-    base
-        The YAML text of the scene it varies.
-    seed
-        The seed of its sampling.
-    numbers
-        The number of each row's sample in the plan, from 0: all of them, or those of a shard.
-    columns
-        The inputs, by path: a number or text for each row.
-    keys
-        The key of each row's sample (rows x bytes).
-    attrs
-        Further attributes of the group `study`.
-    folder
-        Folder to which relative paths in the scene refer.
-    """
+    """Content of the file of a study except the outcomes."""
 
     title: str
-    text: str
-    base: str
-    seed: int
-    numbers: NDArray[np.int64]
-    columns: Mapping[str, NDArray[Any]]
-    keys: NDArray[np.uint8]
-    attrs: Mapping[str, Scalar] = field(default_factory=dict)
-    folder: str = "."
+    text: str  # YAML text of the study
+    base: str  # YAML text of the scene that it varies
+    seed: int  # of its sampling
+    numbers: NDArray[np.int64]  # of the sample of each row in the plan, from 0
+    columns: Mapping[str, NDArray[Any]]  # inputs by path: a number or text for each row
+    keys: NDArray[np.uint8]  # rows x bytes
+    attrs: Mapping[str, Scalar] = field(default_factory=dict)  # of the group `study`
+    folder: str = "."  # to which relative paths in the scene refer
 
 
 class Rows(Protocol):
@@ -223,18 +196,7 @@ class Rows(Protocol):
 def write_study(
     path: str | os.PathLike[str], heading: StudyHeading, outcomes: Rows, complete: bool = True
 ) -> None:
-    """Write the file of a study, completely or not at all.
-
-    Parameters
-    ----------
-    path
-        The file; an existing one is replaced.
-    heading
-        Its content except the outcomes.
-    outcomes
-        The outcome of each row; read twice.
-    complete
-        All samples are finished.
+    """Write the file of a study, completely or not at all; `outcomes` are read twice.
 
     Raises
     ------
@@ -303,10 +265,7 @@ def _rows(layout: Layout, blocks: Iterator[SampleBlock], start: int, stop: int) 
 def locked(target: str) -> Iterator[None]:
     """Lock the file of a study by `<file>.lock`, which the system releases when its process ends.
 
-    Raises
-    ------
-    FileError
-        If another process holds the lock (it is named), or the lock cannot be taken.
+    Raises `FileError` if another process holds the lock (it is named), or the lock cannot be taken.
     """
     from filelock import FileLock, Timeout
 

@@ -38,24 +38,12 @@ _BEFORE = _HEAD.size + 2 * _COUNT.size  # bytes before a mark, except keys and e
 
 @dataclass(frozen=True)
 class Damage:
-    """Damaged part of a journal.
-
-    Parameters
-    ----------
-    path
-        The journal.
-    lost
-        The number of samples in the records that cannot be read.
-    known
-        The number could be read; else it is a lower bound.
-    kept
-        The name of the copy of the damaged journal.
-    """
+    """Damaged part of a journal."""
 
     path: str
-    lost: int
-    known: bool
-    kept: str
+    lost: int  # samples in the records that cannot be read
+    known: bool  # else `lost` is a lower bound
+    kept: str  # name of the copy of the damaged journal
 
     def __str__(self) -> str:
         bound = "" if self.known else "at least "
@@ -66,19 +54,9 @@ class Damage:
 class Journal:
     """Open journal, with the places of its records.
 
-    Samples are numbered in the order in which they were finished.
-
-    Parameters
-    ----------
-    path
-        The file; created if it does not exist. A record at its end whose writing was interrupted is cut off.
-        If anything else is damaged, the file is kept as `<path>.damaged`, and its valid records are written
-        to a new one.
-
-    Attributes
-    ----------
-    damage
-        The damage; None for an intact journal.
+    Samples are numbered in the order in which they were finished. The file is created if it does not exist; a
+    record at its end whose writing was interrupted is cut off. If anything else is damaged (`damage`), the
+    file is kept as `<path>.damaged`, and its valid records are written to a new one.
 
     Raises
     ------
@@ -141,17 +119,9 @@ class Journal:
         return found_in(self.keys, keys)
 
     def append(self, chunks: Iterable[tuple[Keys, Packed]]) -> int:
-        """Append outcomes with their keys; when this returns, they are on the disk.
+        """Append outcomes with their keys, and return the number of the first one.
 
-        Returns
-        -------
-        int
-            The number of the first sample appended.
-
-        Raises
-        ------
-        FileError
-            If they cannot be written. The journal is then unchanged.
+        When this returns, they are on the disk. After a `FileError` the journal is unchanged.
         """
         payloads = [
             b"".join([_COUNT.pack(len(record)), keys.tobytes(), record.exit_codes, record.content])
@@ -286,15 +256,8 @@ class Journal:
 class _Scan:
     """Scan of a journal for valid records and damage.
 
-    Attributes
-    ----------
-    lengths
-        The lengths of the payloads of the records found.
-    damaged
-        Damage was found. A record at the end whose writing was interrupted is no damage: its samples were
-        never reported as finished.
-    lost, known
-        The number of samples in damaged records, and whether it could be read.
+    A record at the end whose writing was interrupted is no damage: its samples were never reported as
+    finished.
     """
 
     def __init__(self, descriptor: int, size: int) -> None:

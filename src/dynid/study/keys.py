@@ -32,15 +32,7 @@ Keys = NDArray[np.uint8]
 
 
 class Keyring:
-    """Factory of the keys of the samples of a plan.
-
-    The scene is written as text once, with gaps where samples differ.
-
-    Parameters
-    ----------
-    plan
-        The plan.
-    """
+    """Factory of the keys of the samples of a plan, whose scene is written as text once, with gaps."""
 
     def __init__(self, plan: Plan) -> None:
         self._folder = plan.base.folder
@@ -64,15 +56,7 @@ class Keyring:
         return self._hashed([self._encoded(override[path]) for path in self._order])
 
     def keys(self, columns: Sequence[Sequence[Any]], count: int) -> Keys:
-        """Return the keys of samples.
-
-        Parameters
-        ----------
-        columns
-            The values of the samples, for each path that is set, in the order of the plan.
-        count
-            Number of samples.
-        """
+        """Return the keys of `count` samples from their values at each path that is set, in its order."""
         columns_encoded = [[self._encoded(value) for value in columns[index]] for index in self._places]
         rows = zip(*columns_encoded, strict=True) if columns_encoded else iter([()] * count)
         digests = b"".join(self._hashed(row) for row in rows)

@@ -31,21 +31,8 @@ def merge_studies(
 ) -> int:
     """Merge the shards of a study into one file, equal to that of the study run in one piece.
 
-    Parameters
-    ----------
-    files
-        The shards, in any order; of equal samples, the finished one is used.
-    target
-        The file to write.
-    partial
-        Accept missing samples.
-    force
-        Discard finished samples of an existing target that are in none of the files.
-
-    Returns
-    -------
-    int
-        The number of samples in the file.
+    Of equal samples the finished one is used. `partial` accepts missing samples, `force` discards finished
+    samples of an existing target that are in none of the files. Returns the number of samples in the file.
 
     Raises
     ------

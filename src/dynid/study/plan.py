@@ -28,30 +28,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Plan:
-    """Plan of a study: all samples, in order.
-
-    Parameters
-    ----------
-    study
-        The study.
-    base
-        The scene that it varies.
-    columns
-        Varied and derived values, by path or name: one for each sample.
-    settings
-        The paths among them that are set in the scene.
-    size
-        The number of samples.
-    attrs
-        Attributes of the group `study`: method, design, size.
-    """
+    """Plan of a study: all samples, in order."""
 
     study: Scene
-    base: Scene
-    columns: Mapping[str, Sequence[Any] | NDArray[Any]]
-    settings: tuple[str, ...]
+    base: Scene  # the scene that is varied
+    columns: Mapping[str, Sequence[Any] | NDArray[Any]]  # varied and derived values, by path or name
+    settings: tuple[str, ...]  # the paths among them that are set in the scene
     size: int
-    attrs: Mapping[str, Scalar]
+    attrs: Mapping[str, Scalar]  # of the group `study`: method, design, size
 
     @cached_property
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -108,11 +92,8 @@ def _plain(value: Any) -> Any:
 def make_plan(study: Scene) -> Plan:
     """Return the plan of a study, with the values of every sample.
 
-    Raises
-    ------
-    FileError, SceneError
-        If the scene that it varies cannot be read, or has faults; if expressions of `derive` refer to each
-        other in a circle, or to a value that is no number.
+    Raises `SceneError` if expressions of `derive` refer to each other in a circle, or to a value that is no
+    number.
     """
     model, base = study_model(study), base_scene(study)
     factors, size, attrs = _sampled(model)

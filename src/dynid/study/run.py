@@ -30,24 +30,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a study.
-
-    Parameters
-    ----------
-    total
-        Number of samples.
-    finished
-        Number of samples that are finished and stored.
-    failed
-        Number of finished samples that failed.
-    kept
-        Number of samples that were finished before this run began.
-    """
+    """Progress of a study in numbers of samples."""
 
     total: int
-    finished: int
-    failed: int
-    kept: int
+    finished: int  # and stored
+    failed: int  # of the finished ones
+    kept: int  # finished before this run began
 
 
 #: Receiver of the progress of a study.
@@ -174,36 +162,13 @@ def run_study(
     report: Report | None = None,
     notice: Notice | None = None,
 ) -> Progress:
-    """Run the samples of a study that are not finished, and write its file.
+    """Run the samples of a study that are not finished, write its file, and return the progress at the end.
 
     Every sample that was reported as finished is stored in `<target>.journal`; after an interruption, the
-    next call resumes from there.
-
-    Parameters
-    ----------
-    plan
-        The study's plan.
-    target
-        The HDF5 file.
-    pool
-        The executor, from `dynid.study.executors.make_executor`. It is shut down at the end.
-    shard
-        (I, N): run only every Nth sample, from the Ith (counted from 1).
-    max_failures
-        Number of samples that may fail; None for no limit.
-    retry_failed
-        Run again the samples that failed before.
-    force
-        Discard finished samples of the file that do not belong to this study.
-    report
-        Is called with the progress.
-    notice
-        Is called with sentences for the user: a damaged journal, samples that take long.
-
-    Returns
-    -------
-    Progress
-        The progress at the end: all samples are finished.
+    next call resumes from there. `pool` is shut down at the end. `shard` is (I, N): only every Nth sample is
+    run, from the Ith (counted from 1). `retry_failed` runs samples again that failed before; `force` discards
+    finished samples of the file that do not belong to this study. `report` is called with the progress,
+    `notice` with sentences for the user: a damaged journal, samples that take long.
 
     Raises
     ------

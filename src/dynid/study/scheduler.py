@@ -40,27 +40,16 @@ Notice = Callable[[str], None]
 
 
 class Chunks:
-    """Sizes of chunks, from the measured time and memory of samples.
-
-    Parameters
-    ----------
-    timeout
-        Time limit of a chunk, s; None for no limit.
-    """
+    """Sizes of chunks, from the measured time and memory of samples, with a time limit of a chunk, s."""
 
     def __init__(self, timeout: float | None = None) -> None:
         self._size = 1
         self._seconds = _CHUNK_SECONDS if timeout is None else min(_CHUNK_SECONDS, timeout / _LIMIT_RATIO)
 
     def size(self, remaining: int, width: int) -> int:
-        """Return the size of the next chunk; it decreases towards the end, to keep all workers busy.
+        """Return the size of the next chunk of the remaining samples, of which `width` run at once.
 
-        Parameters
-        ----------
-        remaining
-            Number of samples to run.
-        width
-            Number of chunks that run at once.
+        It decreases towards the end, to keep all workers busy.
         """
         return max(1, min(self._size, remaining // (2 * width)))
 
@@ -71,17 +60,7 @@ class Chunks:
 
 
 class _RunningChunks:
-    """Running chunks with their start times, to report those that take long.
-
-    Parameters
-    ----------
-    pool
-        The executor.
-    plan
-        The plan of the study.
-    notice
-        Receiver of reports; None for no reports.
-    """
+    """Running chunks with their start times, to report those that take long."""
 
     def __init__(self, pool: StudyExecutor, plan: Plan, notice: Notice | None) -> None:
         self._pool, self._plan, self._notice = pool, plan, notice
@@ -126,21 +105,7 @@ class Scheduler:
     A chunk whose worker died is run again alone; if its worker dies again, its halves are, down to the
     sample that kills workers, which has failed after a few attempts. If the time of a sample is limited, the
     samples of a chunk that exceeds it are run again one by one, and one that exceeds it alone has failed.
-
-    Parameters
-    ----------
-    pool
-        The executor.
-    job
-        The data that all samples share.
-    plan
-        The plan.
-    numbers
-        The samples to run.
-    arrived
-        Is called with the outcomes of finished chunks.
-    notice
-        Is called with sentences for the user: samples that take long, trouble of the executor.
+    `arrived` is called with the outcomes of finished chunks, `notice` with sentences for the user.
     """
 
     def __init__(
@@ -168,15 +133,7 @@ class Scheduler:
         self.given_up = 0  # in a row
 
     def run(self) -> None:
-        """Run all samples.
-
-        Raises
-        ------
-        NumericalError
-            If workers die whatever they run.
-        FileError
-            If the executor as a whole is lost.
-        """
+        """Run all samples; raise `NumericalError` if workers die whatever they run."""
         while self._submit_chunks():
             finished, _ = wait(self.submitted, timeout=_POLL_SECONDS, return_when=FIRST_COMPLETED)
             self._collect(finished)

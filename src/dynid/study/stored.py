@@ -26,10 +26,7 @@ _BLOCK_ROWS = 4096
 def open_study(path: str | os.PathLike[str]) -> Iterator[StudyFile]:
     """Open the file of a study, which may be interrupted; its results are read on access.
 
-    Raises
-    ------
-    FileError
-        If there is no such file, or it holds no study.
+    Raises `FileError` if there is no such file, or it holds no study.
     """
     with open_stored(path, partial=True) as result:
         if result.kind != "study" or "study/key" not in result:
@@ -43,13 +40,7 @@ def open_study(path: str | os.PathLike[str]) -> Iterator[StudyFile]:
 
 
 class StudyFile:
-    """Study in an open file.
-
-    Parameters
-    ----------
-    result
-        Its arrays and attributes.
-    """
+    """Study in an open file."""
 
     def __init__(self, result: Result) -> None:
         self.result = result

@@ -30,21 +30,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Job:
-    """Data that all samples of a study share.
+    """Data that all samples of a study share."""
 
-    Parameters
-    ----------
-    text, file
-        The text of the scene, and the name of its file.
-    collect
-        Paths of the outputs to collect.
-    version
-        The version of dynid that runs the study.
-    """
-
-    text: str
-    file: str
-    collect: tuple[str, ...]
+    text: str  # of the scene
+    file: str  # of the scene
+    collect: tuple[str, ...]  # paths of the outputs
     version: str = __version__
 
     @classmethod
@@ -90,15 +80,7 @@ START = b'{"count":'
 
 @dataclass(frozen=True)
 class Packed:
-    """Outcomes as bytes.
-
-    Parameters
-    ----------
-    exit_codes
-        One byte per sample.
-    content
-        Everything else.
-    """
+    """Outcomes as bytes: one exit code per sample, and everything else."""
 
     exit_codes: bytes
     content: bytes

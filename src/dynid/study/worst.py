@@ -26,21 +26,9 @@ _WORDS = {"max": "largest", "min": "smallest", "abs": "farthest from 0"}
 def worst_sample(table: StudyTable, name: str, direction: Direction) -> tuple[int, float]:
     """Return the row and the value of the worst sample.
 
-    Parameters
-    ----------
-    table
-        The study.
-    name
-        The quantity to judge: the path of a number, of an array (its worst entry), or of an entry,
-        `path[label]`.
-    direction
-        The largest value is worst, the smallest, or the largest magnitude; complex numbers are compared by
-        their magnitude.
-
-    Raises
-    ------
-    UsageError
-        If there is no such number, or no sample has it.
+    `name` is the path of a number, of an array (its worst entry), or of an entry, `path[label]`. The largest
+    value is worst, the smallest, or the largest magnitude; complex numbers are compared by their magnitude.
+    Raises `UsageError` if there is no such number, or no sample has it.
     """
     path, entry = table.find(name)
     worst_values = np.full(len(table.numbers), np.nan)
@@ -56,29 +44,11 @@ def worst_sample(table: StudyTable, name: str, direction: Direction) -> tuple[in
 
 
 def worst_scene(result: Result, name: str, direction: Direction, target: Path, command: str) -> str:
-    """Return the scene of the worst sample, as text.
+    """Return the scene of the worst sample (`worst_sample`) as text; its run gives the numbers of the sample.
 
-    Parameters
-    ----------
-    result
-        The study.
-    name, direction
-        As in `worst_sample`.
-    target
-        The folder of the new scene, to which relative names of files refer.
-    command
-        The command, for a comment.
-
-    Returns
-    -------
-    str
-        The text of the scene that the study varies, with the values of the sample and comments on the
-        original ones. Its run gives the numbers of the sample.
-
-    Raises
-    ------
-    UsageError
-        As in `worst_sample`.
+    It is the scene that the study varies, with the values of the sample and comments on the original ones;
+    `target` is the folder of the new scene, to which names of files are made relative, `command` stands in a
+    comment.
     """
     table = StudyTable(result)
     row, value = worst_sample(table, name, direction)

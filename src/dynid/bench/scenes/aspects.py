@@ -49,35 +49,19 @@ _HOLD_RATIOS, _MAX_HOLD_SAMPLES = (1, 2, 4), 1_000_000
 class Aspect:
     """Alternatives for the same result, one of which a run has chosen.
 
-    Parameters
-    ----------
-    title
-        Short description of the choice.
-    size
-        Unit of the sizes.
-    points
-        Alternatives with their sizes, the most accurate first: the first one that succeeds in this order is
-        the reference of the others.
-    chosen
-        Names and sizes of the choices that the run made.
-    because
-        Reason for these choices.
-    error
-        Function of the results of an alternative and of the reference: its error, None without a number.
-        Given the reference twice: the error of the reference.
-    measure
-        Definition of the error.
-    least_error
-        Function of a result: the least error to be expected; None: unknown.
+    Of `points`, alternatives with their sizes, the most accurate first, the first one that succeeds is the
+    reference of the others.
     """
 
     title: str
-    size: str
+    size: str  # unit of the sizes
     points: Sequence[tuple[Alternative, int]]
-    chosen: frozenset[tuple[str, int]]
-    because: str
+    chosen: frozenset[tuple[str, int]]  # names and sizes of the choices that the run made
+    because: str  # reason for these choices
+    #: Of the results of an alternative and of the reference, None without a number; its own, given twice
     error: Callable[[Any, Any], float | None]
-    measure: str
+    measure: str  # definition of the error
+    #: Of a result: the least error to be expected; None: unknown
     least_error: Callable[[Any], float | None] = lambda _: None
 
 
@@ -96,21 +80,10 @@ def sizes_around(size: int, max_size: int) -> list[int]:
 
 
 def described(name: str, size: int, ends: int) -> dict[str, Any]:
-    """Return the keys of a reduction to a number of coordinates.
+    """Return the keys of a reduction by a method, or `ALONE`, to a number of coordinates.
 
-    Parameters
-    ----------
-    name
-        The method, or `ALONE`.
-    size
-        Coordinates.
-    ends
-        Number of DOFs of joints, sensors and loads: a boundary, or loads with residual vectors.
-
-    Raises
-    ------
-    UsageError
-        If these leave no coordinate for modes.
+    `ends` DOFs of joints, sensors and loads are a boundary, or loads with residual vectors. Raises
+    `UsageError` if these leave no coordinate for modes.
     """
     chosen = {"masters": {"count": size}}
     if name in ("guyan", "dynamic", "irs"):
@@ -131,15 +104,7 @@ def solvers(
     below: float | None = None,
     values: Mapping[str, float] | None = None,
 ) -> Aspect:
-    """Return the solvers of a structure's modes, and the one that is chosen.
-
-    Parameters
-    ----------
-    model
-        The structure.
-    count, below, values
-        As of `dynid.structure.modal_analysis.modal_analysis`.
-    """
+    """Return the solvers of the modes that `modal_analysis` would compute, and the chosen one."""
     matrices, size = model.with_joints(values), model.size
 
     def frequencies(_: int, backend: str) -> Any:
@@ -172,16 +137,9 @@ def solvers(
 def propagation(
     respond: Callable[[list[Any]], Any], signals: Sequence[Any], times: NDArray[np.float64]
 ) -> Aspect:
-    """Return the ways to propagate a response.
+    """Return the ways to propagate a response at instants evenly from 0 on.
 
-    Parameters
-    ----------
-    respond
-        Function of signals: the response (times x outputs) to them.
-    signals
-        The signals of the scene. An impulse has no samples and stays as it is.
-    times
-        The instants, evenly from 0 on.
+    `respond` is the response (times x outputs) to signals. An impulse has no samples and stays as it is.
     """
     count = len(times)
 

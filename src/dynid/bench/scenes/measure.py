@@ -61,16 +61,8 @@ def add_accuracy(
 ) -> None:
     """Add the alternatives to the choices of a run, with their costs and errors.
 
-    Parameters
-    ----------
-    result
-        The result of the scene.
-    scene
-        The scene.
-    options
-        Alternatives, repeats and budget of time; default: the scene's block `accuracy`, or all.
-    progress
-        Called with a line before each measurement.
+    `options` are those of the scene's block `accuracy`, by default; `progress` is called with a line before
+    each measurement.
 
     Notes
     -----

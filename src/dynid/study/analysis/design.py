@@ -23,13 +23,8 @@ def sortable(column: NDArray[Any]) -> NDArray[Any]:
 class SaltelliDesign:
     """Saltelli's design: samples A and B, and for each factor i, A with its column i from B.
 
-    Parameters
-    ----------
-    factors
-        The inputs that change together, for each of the d factors.
-    blocks
-        A, B and the mixed samples follow each other as blocks; else as rows of d + 2: one sample of A, the
-        mixed ones, and the one of B.
+    `factors` are the inputs that change together, for each of the d factors. A, B and the mixed samples
+    follow each other as `blocks`; else as rows of d + 2: one sample of A, the mixed ones, and the one of B.
     """
 
     factors: tuple[tuple[str, ...], ...]
@@ -42,13 +37,9 @@ class SaltelliDesign:
 
 
 def saltelli_design(inputs: Columns) -> SaltelliDesign | None:
-    """Return Saltelli's design of the samples; None if they have another design.
+    """Return Saltelli's design of the samples (by input); None if they have another design.
 
-    Parameters
-    ----------
-    inputs
-        The samples, by input. Inputs that change together are one factor; an input that is a function of
-        several factors is no factor.
+    Inputs that change together are one factor; an input that is a function of several factors is no factor.
     """
     count = len(next(iter(inputs.values()), ()))
     for factors in range(len(inputs), 0, -1):
@@ -93,15 +84,7 @@ def _levels(inputs: Columns, names: list[str]) -> NDArray[np.intp]:
 
 @dataclass(frozen=True)
 class _OneAtATime:
-    """Samples that differ from a centre in one input each.
-
-    Parameters
-    ----------
-    centre
-        The samples at the centre.
-    varied
-        For each input, the samples that differ from the centre in this input only.
-    """
+    """The samples at a centre, and for each input those that differ from it in this input only."""
 
     centre: NDArray[np.intp]
     varied: Mapping[str, NDArray[np.intp]]
@@ -156,20 +139,10 @@ def is_logarithmic(column: Array) -> bool:
 class Bar:
     """Bar of one input.
 
-    Parameters
-    ----------
-    input
-        The input's path in the scene.
-    low, high
-        The ends of the input; of other samples than one at a time, the medians of its lowest and its highest
-        fifth.
-    at_low, at_high
-        The result at these ends; of other samples than one at a time, its means in these fifths.
-    slope
-        The local sensitivity d result / d input, at the mean of the input; at the geometric mean where the
-        input is spaced by its logarithm.
-    error
-        Standard error of the swing; 0 for samples one at a time, NaN where an end has one sample only.
+    Of samples one at a time, `low` and `high` are the ends of the input with the results there; of others,
+    the medians of its lowest and its highest fifth with the mean results. `slope` is the local sensitivity,
+    at the mean of the input, or the geometric one where it is spaced by its logarithm. `error` is the
+    standard error of the swing; 0 for samples one at a time, NaN where an end has one sample only.
     """
 
     input: str
@@ -193,18 +166,9 @@ class Bar:
 
 @dataclass(frozen=True)
 class Tornado:
-    """Bars of all inputs, the longest first, with their method and reliability.
+    """Bars of all varied numbers, the longest first, with their method and reliability in words.
 
-    Parameters
-    ----------
-    bars
-        One for each input that is a number and varies.
-    method
-        `one at a time` or `conditional means`.
-    r2
-        Share of the variance that a linear model explains; NaN for samples one at a time.
-    remark
-        The reliability, in words.
+    `r2` is the share of the variance that a linear model explains; NaN for samples one at a time.
     """
 
     bars: tuple[Bar, ...]
@@ -214,19 +178,9 @@ class Tornado:
 
 
 def tornado(inputs: Mapping[str, NDArray[Any]], values: Array) -> Tornado | None:
-    """Return the tornado of one result.
+    """Return the tornado of one result (NaN: missing) over the samples by input, of which texts are omitted.
 
-    Parameters
-    ----------
-    inputs
-        The samples, by input; texts are omitted.
-    values
-        The result; NaN for a missing one.
-
-    Returns
-    -------
-    Tornado or None
-        None if no number varies, or there are fewer samples than unknowns.
+    It is None if no number varies, or there are fewer samples than unknowns.
 
     Notes
     -----

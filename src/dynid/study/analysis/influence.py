@@ -25,21 +25,10 @@ _MIN_BIN_SAMPLES = 10
 
 @dataclass(frozen=True)
 class Indices:
-    """Sobol indices of one result.
+    """Sobol indices of one result with standard errors (one per input), and the samples used.
 
-    Parameters
-    ----------
-    first
-        Share of the variance that each input explains alone, shape (inputs,).
-    first_error
-        Its standard error.
-    total, total_error
-        Share of the variance that each input explains alone and by interactions. None if it cannot be
-        estimated from the samples.
-    estimator
-        The estimator, in words.
-    samples
-        Number of samples used.
+    `first` is the share of the variance that each input explains alone, `total` alone and by interactions;
+    None if it cannot be estimated from the samples.
     """
 
     first: Array
@@ -53,17 +42,8 @@ class Indices:
 def from_design(a: Array, b: Array, mixed: Array) -> Indices | None:
     """Return the indices from Saltelli's design.
 
-    Parameters
-    ----------
-    a, b
-        The result at the two independent sets of samples A and B, shape (n,).
-    mixed
-        The result at A with one input's column of B, shape (inputs, n).
-
-    Returns
-    -------
-    Indices or None
-        None if fewer than two rows are complete, or the result does not vary.
+    `a` and `b` (n) are the result at the two independent sets of samples A and B, `mixed` (inputs x n) at A
+    with one input's column of B. None if fewer than two rows are complete, or the result does not vary.
 
     Notes
     -----
@@ -91,17 +71,8 @@ def from_design(a: Array, b: Array, mixed: Array) -> Indices | None:
 def from_samples(inputs: Sequence[NDArray[np.intp]], values: Array) -> Indices | None:
     """Return the first-order indices from any samples whose inputs are independent of each other.
 
-    Parameters
-    ----------
-    inputs
-        For each input the samples' `classes`.
-    values
-        The result, NaN where there is none.
-
-    Returns
-    -------
-    Indices or None
-        None if there are too few samples, or the result does not vary.
+    `inputs` are the samples' `classes`, `values` the result, NaN where there is none. None if there are too
+    few samples, or the result does not vary.
 
     Notes
     -----
@@ -134,13 +105,7 @@ def from_samples(inputs: Sequence[NDArray[np.intp]], values: Array) -> Indices |
 
 
 def classes(x: NDArray[Any]) -> NDArray[np.intp]:
-    """Return the class of each sample: its level if there are few, else one of equally populated ranges.
-
-    Parameters
-    ----------
-    x
-        An input's numbers or texts, shape (samples,).
-    """
+    """Return the class of each sample: its level if there are few, else one of equally populated ranges."""
     levels, members = np.unique(sortable(x), return_inverse=True)
     bins = int(np.clip(len(x) // _MIN_BIN_SAMPLES, 2, _MAX_BINS))
     if len(levels) <= min(_MAX_BINS, len(x) // 2) or levels.dtype.kind == "U":
@@ -165,19 +130,9 @@ def _ratio(explained: Array, power: Array, variance: float) -> tuple[Array, Arra
 def correlations(
     inputs: Sequence[Array], results: Sequence[Array], ranks: bool = False
 ) -> NDArray[np.float64]:
-    """Return the correlation of each input with each result.
+    """Return the correlation of each input with each result (inputs x results); NaN if one does not vary.
 
-    Parameters
-    ----------
-    inputs, results
-        Samples, NaN for missing ones; pairs with a missing one are omitted.
-    ranks
-        Correlate the ranks (Spearman), which measures monotone relations.
-
-    Returns
-    -------
-    ndarray
-        Correlations (inputs x results); NaN if one of them does not vary.
+    Pairs with a missing value (NaN) are omitted. `ranks`: of the ranks (Spearman), for monotone relations.
     """
     coefficients = np.full((len(inputs), len(results)), np.nan)
     for index in np.ndindex(coefficients.shape):
@@ -211,12 +166,9 @@ OVERLAPPING = 0.2
 class Influences:
     """Sobol indices of the outputs of a study.
 
-    Parameters
-    ----------
-    table
-        The study. For Saltelli's design, indices are of first and total order, and inputs that change
-        together are one factor; else they are of first order, for every input. Derived columns are no inputs:
-        their share is that of what they are computed from.
+    For Saltelli's design, indices are of first and total order, and inputs that change together are one
+    factor; else they are of first order, for every input. Derived columns are no inputs: their share is that
+    of what they are computed from.
     """
 
     def __init__(self, table: StudyTable) -> None:

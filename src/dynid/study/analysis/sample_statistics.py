@@ -28,19 +28,10 @@ _BLOCK_VALUES = 2**22  # values in memory at a time
 
 
 def statistics(values: Array) -> dict[str, Array | NDArray[np.int64]]:
-    """Return moments and quantiles of each entry over the samples.
+    """Return moments and quantiles of each entry over the samples, the first axis, by `NAMES`.
 
-    Parameters
-    ----------
-    values
-        Samples first, then any axes; NaN where a sample has no value.
-
-    Returns
-    -------
-    dict
-        By `NAMES`, each with the axes of one sample: mean, standard deviation (with n - 1), minimum, the
-        quantiles 5 %, 50 % and 95 % (linearly interpolated), maximum, and the number of values. NaN is
-        undefined: all but the count of no sample, the deviation of one, moments of infinite values.
+    NaN is a sample without a value. Standard deviations are with n - 1, quantiles linearly interpolated. NaN
+    is undefined: all but the count of no sample, the deviation of one, moments of infinite values.
     """
     # Ordered and contiguous, so that sums do not depend on the memory layout.
     ordered = np.sort(np.ascontiguousarray(np.moveaxis(values, 0, -1)), axis=-1)  # NaN last

@@ -35,16 +35,9 @@ _ENTRY = re.compile(r"(?P<path>[^\[]*)\[(?P<labels>.*)\]")
 
 @dataclass(frozen=True)
 class StudyColumn:
-    """Output of a study, one number per sample.
+    """Output of a study, one number per sample; NaN where it is missing, magnitudes of complex numbers.
 
-    Parameters
-    ----------
-    name
-        The path in the result; for an entry of an array with its labels: `path[label,…]`.
-    units
-        Its units.
-    values
-        Float64, shape (samples,); NaN for missing values; magnitudes of complex numbers.
+    The name is the path in the result, for an entry of an array with its labels: `path[label,…]`.
     """
 
     name: str
@@ -53,19 +46,10 @@ class StudyColumn:
 
 
 class StudyTable:
-    """Result of a study as a table.
+    """Result of a study, in memory or stored, as a table.
 
-    Parameters
-    ----------
-    result
-        The result of a study, in memory or stored.
-    stored
-        True: frequencies are in rad/s, as in the file; else in the unit of the scene.
-
-    Raises
-    ------
-    UsageError
-        If the result is of another kind.
+    `stored`: frequencies are in rad/s, as in the file; else in the unit of the scene. Raises `UsageError` if
+    the result is of another kind.
     """
 
     def __init__(self, result: Result, *, stored: bool = False) -> None:
@@ -195,10 +179,7 @@ class StudyTable:
     def find(self, name: str) -> tuple[str, tuple[int, ...] | None]:
         """Return the path and the index of a named entry; index None for a whole array.
 
-        Raises
-        ------
-        UsageError
-            If there is no such number.
+        Raises `UsageError` if there is no such number.
         """
         name = name.strip("/").removeprefix(f"{RESULTS}/")
         match = _ENTRY.fullmatch(name)
@@ -261,17 +242,7 @@ def _place(axis: LabelledAxis, label: str, path: str) -> int:
 
 @dataclass(frozen=True)
 class _Failure:
-    """Samples that failed with the same error, apart from numbers in it.
-
-    Parameters
-    ----------
-    error
-        The message in the first sample; in others the numbers may differ.
-    exit_code
-        2 (the scene), 3 (numerics) or 4 (a file).
-    samples
-        The numbers of the samples.
-    """
+    """Samples that failed with the same error, apart from numbers in it; the message is of the first one."""
 
     error: str
     exit_code: int
@@ -302,27 +273,12 @@ _STORED: dict[str, ColumnKind] = {"bool": "truth", "int64": "integer"}
 
 
 def flat_table(table: StudyTable, name: str) -> ExportTable:
-    """Return a study as a table with a row per sample.
+    """Return a study as a named table with a row per sample.
 
-    Parameters
-    ----------
-    table
-        The study.
-    name
-        The table's name.
-
-    Returns
-    -------
-    ExportTable
-        Columns: number and status of the sample, inputs (by path in the scene), outputs (by path in the
-        result; every entry of an array with its labels: `path[label,…]`; complex numbers as `.re` and
-        `.im`), the expectations of the scene that are met, and the error of a failed sample, whose outputs
-        are missing.
-
-    Raises
-    ------
-    UsageError
-        If the table would have more than `MOST_COLUMNS` columns.
+    Columns: number and status of the sample, inputs (by path in the scene), outputs (by path in the result;
+    every entry of an array with its labels: `path[label,…]`; complex numbers as `.re` and `.im`), the
+    expectations of the scene that are met, and the error of a failed sample, whose outputs are missing.
+    Raises `UsageError` if it would have more than `MOST_COLUMNS` columns.
     """
     fields = [TableColumn("sample", "integer"), TableColumn("status", "text")]
     fields += [TableColumn(path, kind_of(column.dtype)) for path, column in table.inputs.items()]

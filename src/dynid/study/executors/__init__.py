@@ -17,20 +17,12 @@ def make_executor(
     scheduler_file: str | None = None,
     sample_timeout: float | None = None,
 ) -> StudyExecutor:
-    """Return the executor of the samples of a study.
+    """Return the executor of the samples of a study: `serial`, `processes` or `dask`.
 
-    Parameters
-    ----------
-    executor
-        `serial`, `processes` or `dask`; by default `dask` if a scheduler is named here or in Dask's
-        configuration (such as DASK_SCHEDULER_ADDRESS), else `processes`.
-    workers
-        Number of processes, by default one per core; on a cluster, the number of its threads to use.
-    scheduler, scheduler_file
-        The address of a Dask scheduler, or the file with its address.
-    sample_timeout
-        Time limit of a sample, s; None for no limit. With a limit, `serial` runs samples in a second process,
-        which can be killed.
+    By default it is `dask` if a scheduler is named here (its address, or the file with its address) or in
+    Dask's configuration (such as DASK_SCHEDULER_ADDRESS), else `processes`. `workers` is the number of
+    processes, by default one per core; on a cluster, the number of its threads to use. With a time limit of a
+    sample (s), `serial` runs samples in a second process, which can be killed.
 
     Raises
     ------

@@ -17,14 +17,7 @@ def cores() -> int:
 class StudyExecutor(ABC):
     """Executor of chunks of samples, with workers that are started and shut down as needed.
 
-    Attributes
-    ----------
-    width
-        Number of chunks that run at once.
-    ahead
-        Largest number of chunks that run or are queued for the next free worker.
-    timeout
-        Time limit of a chunk, s; default: no limit.
+    `width` chunks run at once; a chunk may have a time limit, s.
     """
 
     width: int = 1

@@ -21,18 +21,9 @@ _QUERY_SECONDS = 2.0  # seconds between two queries of the number of threads
 
 
 class DaskExecutor(StudyExecutor):
-    """Executor with the workers of a Dask scheduler.
+    """Executor with the workers of a Dask scheduler at an address, or at that in a file.
 
-    Parameters
-    ----------
-    address
-        Address of the scheduler, such as `tcp://10.0.0.1:8786`.
-    file
-        The file in which the scheduler has written its address.
-    workers
-        Number of its threads to use; None for all.
-    timeout
-        Time limit of a chunk, s; None for no limit.
+    It uses `workers` threads of the cluster, by default all, with a time limit of a chunk, s.
     """
 
     def __init__(

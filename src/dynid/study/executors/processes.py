@@ -81,13 +81,7 @@ class Worker:
 
 
 class WorkerPool:
-    """Pool of workers, one for each call that runs at a time.
-
-    Parameters
-    ----------
-    idle
-        Seconds after which the process of an idle worker ends; default: never.
-    """
+    """Pool of workers, one for each call that runs at a time; idle ones end after `idle` seconds."""
 
     def __init__(self, idle: float | None = None) -> None:
         self._idle = idle
@@ -134,15 +128,7 @@ class WorkerPool:
 
 
 class ProcessExecutor(StudyExecutor):
-    """Executor in processes of this machine.
-
-    Parameters
-    ----------
-    workers
-        Number of processes; default: one per core.
-    timeout
-        Time limit of a chunk of samples, s, whose process is killed then; default: no limit.
-    """
+    """Executor in processes of this machine, by default one per core, with a time limit of a chunk, s."""
 
     def __init__(self, workers: int | None = None, timeout: float | None = None) -> None:
         super().__init__()
