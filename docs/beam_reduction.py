@@ -6,7 +6,7 @@ import numpy as np
 from gallery import on_paper
 
 import dynid
-from dynid.report.plot import Annotation, Curve, Markers, PlotAxis, Subplot, chart, series_class
+from dynid.report.plot import Annotation, Chart, Curve, Markers, PlotAxis, Subplot, series_class
 from dynid.result import Result
 
 HERE = Path(__file__).parent
@@ -52,5 +52,6 @@ def errors(result: Result) -> Subplot:
 if __name__ == "__main__":
     found = dynid.run(HERE.parent / "configs/beam_reduction.yaml")
     row = [responses(found), errors(found)]
-    svg = chart("beam-reduction", "A beam and its reduced models", [row], width=1100.0, height=320.0)
-    (HERE / "beam_reduction.svg").write_text(on_paper(svg), encoding="utf-8")
+    chart = Chart([row], width=1100.0, height=320.0)
+    picture = chart.picture("beam-reduction", "A beam and its reduced models")
+    (HERE / "beam_reduction.svg").write_text(on_paper(picture.svg), encoding="utf-8")

@@ -6,7 +6,16 @@ import numpy as np
 
 import dynid
 from dynid.report.figure import as_file
-from dynid.report.plot import Annotation, Band, Curve, PlotAxis, ReferenceLine, Subplot, chart, series_class
+from dynid.report.plot import (
+    Annotation,
+    BandLayer,
+    Chart,
+    Curve,
+    PlotAxis,
+    ReferenceLine,
+    Subplot,
+    series_class,
+)
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
@@ -40,7 +49,7 @@ def suspension() -> Subplot:
     layers = [ReferenceLine(100.0, cls="line dashed")]
     for k, name in enumerate(result[f"{group}/parameter"].data):
         layers.append(
-            Band(time, histories[:, k] - bands[:, k], histories[:, k] + bands[:, k], cls=series_class(k))
+            BandLayer(time, histories[:, k] - bands[:, k], histories[:, k] + bands[:, k], cls=series_class(k))
         )
         layers.append(Curve(time, histories[:, k], name, series_class(k)))
     x, y = (
@@ -51,11 +60,6 @@ def suspension() -> Subplot:
 
 
 if __name__ == "__main__":
-    svg = chart(
-        "overview",
-        "A bond graph in frequency, joints over time",
-        [[isolator(), suspension()]],
-        width=1100.0,
-        height=260.0,
-    )
-    (HERE / "overview.png").write_bytes(as_file(svg, "png"))
+    chart = Chart([[isolator(), suspension()]], width=1100.0, height=260.0)
+    picture = chart.picture("overview", "A bond graph in frequency, joints over time")
+    (HERE / "overview.png").write_bytes(as_file(picture.svg, "png"))

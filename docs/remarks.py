@@ -7,7 +7,7 @@ from gallery import on_paper
 
 import dynid
 from dynid.errors import NumericalError
-from dynid.report.plot import Curve, Markers, PlotAxis, ReferenceLine, Subplot, chart
+from dynid.report.plot import Chart, Curve, Markers, PlotAxis, ReferenceLine, Subplot
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
@@ -129,5 +129,6 @@ def resonance() -> Subplot:
 
 if __name__ == "__main__":
     row = [damping(), excitation(), resonance()]
-    svg = chart("remarks", "The paper's remarks put to the test", [row], width=1300.0, height=300.0)
-    (HERE / "remarks.svg").write_text(on_paper(svg), encoding="utf-8")
+    chart = Chart([row], width=1300.0, height=300.0)
+    picture = chart.picture("remarks", "The paper's remarks put to the test")
+    (HERE / "remarks.svg").write_text(on_paper(picture.svg), encoding="utf-8")

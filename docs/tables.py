@@ -8,7 +8,7 @@ from gallery import on_paper
 
 import dynid
 from dynid.errors import NumericalError
-from dynid.report.plot import BandLayer, Curve, PlotAxis, ReferenceLine, Subplot, chart, series_class
+from dynid.report.plot import BandLayer, Chart, Curve, PlotAxis, ReferenceLine, Subplot, series_class
 from dynid.scene.kinds.structures import build_structure
 from dynid.structure.ports import Channel
 from dynid.structure.response import frequency_response
@@ -184,8 +184,8 @@ def responses() -> Subplot:
 
 def save(name: str, title: str, *row: Subplot) -> None:
     """Write one figure."""
-    svg = chart(f"tables-{name}", title, [row], width=1000.0 if len(row) > 1 else 760.0)
-    (HERE / f"tables-{name}.svg").write_text(on_paper(svg), encoding="utf-8")
+    picture = Chart([row], width=1000.0 if len(row) > 1 else 760.0).picture(f"tables-{name}", title)
+    (HERE / f"tables-{name}.svg").write_text(on_paper(picture.svg), encoding="utf-8")
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ from dynid.report.plot import (
     Annotation,
     BandLayer,
     Bars,
+    Chart,
     Curve,
     Heatmap,
     Markers,
@@ -23,7 +24,6 @@ from dynid.report.plot import (
     ReferenceLine,
     Subplot,
 )
-from dynid.report.plot.chart import declared
 from dynid.result import Result
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -165,13 +165,11 @@ def test_a_figure_is_suggested_and_svg_is_drawn_as_before(motor):
     }.items():
         with pytest.raises(UsageError, match=f"no figure '{wrong}'; did you mean '{meant}"):
             motor.plot(wrong)
-    assert declared.get() is None
     assert next(one for one in figures(motor) if one.name == "bode").svg.startswith("<svg")
 
 
 def test_every_layer_is_drawn(monkeypatch):
-    from dynid.report.figure import Figure, Picture
-    from dynid.report.plot import chart
+    from dynid.report.figure import Figure
 
     x = np.array([1.0, 2.0, 3.0])
     layers = [
@@ -196,7 +194,7 @@ def test_every_layer_is_drawn(monkeypatch):
             [Heatmap(np.eye(2), -1, 1, [["1", "0"], ["0", "1"]])],
         ),
     ]
-    figure = Figure("all", "All layers", lambda: Picture(chart("all", "All layers", [plots, plots[:1]])))
+    figure = Figure("all", "All layers", lambda: Chart([plots, plots[:1]]))
     monkeypatch.setattr(notebook, "figures", lambda _: [figure])
     grid = axes(Result("bond-graph"), "all")
     assert grid.shape == (2, 2)

@@ -15,18 +15,18 @@ from dynid.report.notation import labelled, unit
 from dynid.report.plot import (
     BandLayer,
     Bars,
+    Chart,
     Curve,
     Heatmap,
     Markers,
     PlotAxis,
     ReferenceLine,
     Subplot,
-    chart,
+    in_rows,
     parallel_coordinates,
     series_class,
 )
-from dynid.report.plot.chart import PageSpace, embedded
-from dynid.report.plot.labels import fitted_label
+from dynid.report.plot.chart import PageSpace, embedded, fitted_label
 from dynid.report.plot.layers import by_column, decimated, runs, straightened
 from dynid.report.svg import SIZE, SMALL, text_width
 
@@ -165,6 +165,10 @@ def test_a_line_of_a_million_points_is_small_and_breaks_at_what_is_unknown():
     assert max(piece[1].max() for piece in pieces) == np.nanmax(y)
 
 
+def drawn(rows, **options):
+    return Chart(rows, "about", **options).picture("some", "A figure").svg
+
+
 def sample(seed=0, columns=2):
     rng = np.random.default_rng(seed)
     x = np.linspace(0, 10, 300)
@@ -187,7 +191,7 @@ def sample(seed=0, columns=2):
             [Curve(x + 0.1, np.abs(y) + 1e-9, "H", series_class(8))],
         ),
     ]
-    return chart("some", "A figure", [panels[k : k + columns] for k in range(0, 4, columns)], "about")
+    return drawn(in_rows(panels, columns))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -204,9 +208,7 @@ def test_a_plot_is_the_same_each_time_and_its_text_is_text():
 
 
 def test_a_script_can_tell_the_values_under_the_pointer():
-    root = ET.fromstring(
-        chart("f", "F", [[Subplot(PlotAxis("t (s)"), PlotAxis("y"), [Curve([0, 4], [1, 3], "own")])]])
-    )
+    root = ET.fromstring(drawn([[Subplot(PlotAxis("t (s)"), PlotAxis("y"), [Curve([0, 4], [1, 3], "own")])]]))
     plot = next(g for g in root.iter(f"{SVG}g") if g.get("class") == "plot")
     left, top, width, height = map(float, plot.get("data-box").split())
     (kind, *ends), (_, *up) = plot.get("data-x").split(), plot.get("data-y").split()
@@ -225,7 +227,7 @@ def test_a_script_can_tell_the_values_under_the_pointer():
 def test_a_label_longer_than_its_axis_is_above_and_its_units_are_never_cut():
     plot = Subplot(PlotAxis("time (s)"), PlotAxis("10.acceleration/6 (m/s²/N)"), [Curve([0, 1], [0, 1])])
     for height in (64.0, 300.0):
-        texts = [t.text for t in ET.fromstring(chart("c", "C", [[plot]], height=height)).iter(f"{SVG}text")]
+        texts = [t.text for t in ET.fromstring(drawn([[plot]], height=height)).iter(f"{SVG}text")]
         beside = ["10.acceleration/6", "m/s²/N"] if height < 100 else ["10.acceleration/6 (m/s²/N)"]
         assert set(beside) <= set(texts)
     below, _ = fitted_label("largest relative distance from the exact roots (rad/s)", 150.0)
@@ -239,16 +241,14 @@ def test_a_label_longer_than_its_axis_is_above_and_its_units_are_never_cut():
     assert fitted_label("real part (10³ rad/s)", 100.0) == ("Re (10³ rad/s)", "label")
     assert fitted_label("imaginary part", 60.0) == ("Im", "label")
     small = Subplot(PlotAxis("t (s)"), PlotAxis("a long name of a spool (m)"), [Curve([0, 1], [0, 3e-6])])
-    assert ">10⁻⁶ m<" in chart("c", "C", [[small]], height=64.0)
+    assert ">10⁻⁶ m<" in drawn([[small]], height=64.0)
     density = Subplot(PlotAxis("t (s)"), PlotAxis("ASD (m/s·(s/rad)^½)"), [Curve([0, 1], [0, 3e-3])])
-    assert ">10⁻³ m/s·(s/rad)^½<" in chart("c", "C", [[density]], height=64.0)
+    assert ">10⁻³ m/s·(s/rad)^½<" in drawn([[density]], height=64.0)
 
 
 def test_nothing_to_show_is_drawn_as_such():
     nothing = [np.nan, np.nan]
-    text = chart(
-        "e", "Empty", [[Subplot(PlotAxis("x"), PlotAxis("y", log=True), [Curve(nothing, nothing, "none")])]]
-    )
+    text = drawn([[Subplot(PlotAxis("x"), PlotAxis("y", log=True), [Curve(nothing, nothing, "none")])]])
     assert "nan" not in re.sub(r"<style>.*?</style>", "", text, flags=re.S)
     assert well_laid_out(text) == []
 

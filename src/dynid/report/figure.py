@@ -16,6 +16,7 @@ from dynid.errors import DynidError, UsageError
 from dynid.report.svg import COLOURS, resolved
 
 if TYPE_CHECKING:
+    from dynid.report.plot import Chart
     from dynid.result import Result
 
 
@@ -74,20 +75,21 @@ class Figure:
     title
         Its content in a few words.
     draw
-        Function that draws it.
+        Function that draws it, or returns the chart to draw.
     derivation
         True if it shows how a result was derived, which a page folds.
     """
 
     name: str
     title: str
-    draw: Callable[[], Picture] = field(repr=False)
+    draw: Callable[[], Picture | Chart] = field(repr=False)
     derivation: bool = field(default=False, repr=False)
 
     @cached_property
     def picture(self) -> Picture:
         """The picture, drawn once."""
-        return self.draw()
+        drawn = self.draw()
+        return drawn if isinstance(drawn, Picture) else drawn.picture(self.name, self.title)
 
     @property
     def svg(self) -> str:

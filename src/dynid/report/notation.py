@@ -86,10 +86,10 @@ def texts(result: Result, path: str) -> list[str]:
     return list(map(str, result[path].data)) if path in result else []
 
 
-def labels_with_units(result: Result, group: str, axis: str, count: int, units: str = "") -> list[str]:
+def labels_with_units(result: Result, group: str, axis: str, count: int = 0, units: str = "") -> list[str]:
     """Return the labels of an axis, each with its units: those of `unit` in the group, or the given ones."""
     names = texts(result, f"{group}/{axis}") or [str(index + 1) for index in range(count)]
-    unit_names = texts(result, f"{group}/unit") or [units] * count
+    unit_names = texts(result, f"{group}/unit") or [units] * len(names)
     return [labelled(name, unit) for name, unit in zip(names, unit_names, strict=True)]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from html import escape
 from itertools import chain
@@ -16,9 +16,18 @@ from dynid.checks.comparison import word
 from dynid.checks.expectations import axis_of
 from dynid.errors import UsageError
 from dynid.report.figure import figures
-from dynid.report.plot.chart import Subplot, declared
-from dynid.report.plot.heatmap import Heatmap
-from dynid.report.plot.layers import Annotation, BandLayer, Bars, Curve, Layer, Markers, ReferenceLine
+from dynid.report.plot import (
+    Annotation,
+    BandLayer,
+    Bars,
+    Chart,
+    Curve,
+    Heatmap,
+    Layer,
+    Markers,
+    ReferenceLine,
+    Subplot,
+)
 from dynid.report.scenes import frequency_unit
 from dynid.store.frequencies import in_unit
 from dynid.suggestions import did_you_mean, did_you_mean_path, shortened
@@ -95,17 +104,12 @@ def axes(result: Result, name: str) -> Any:
             f"the result has no figure '{name}'{_near_figure(name, by_name)}",
             remedy=f"It has {shortened([*by_name])}.",
         )
-    charts: list[Sequence[Sequence[Subplot]]] = []
-    token = declared.set(charts)
-    try:
-        by_name[name].draw()
-    finally:
-        declared.reset(token)
-    if len(charts) != 1:
+    chart = by_name[name].draw()
+    if not isinstance(chart, Chart):
         raise UsageError(
             f"the figure '{name}' is a drawing without axes", remedy="Write it to a file: dynid plot."
         )
-    (rows,) = charts
+    rows = chart.rows
     longest = max(rows, key=len)
     across, down = plt.rcParams["figure.figsize"]
     figure, grid = plt.subplots(

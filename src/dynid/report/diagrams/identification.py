@@ -2,33 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from dynid.arrays import Array
 from dynid.report.content.identification import is_rejected, lacks_fit
 from dynid.report.diagrams.responses import degrees, frequencies
-from dynid.report.figure import Figure, FigureTable, Picture, table_of
+from dynid.report.figure import Figure, FigureTable, table_of
 from dynid.report.notation import labelled, labels_with_units, short, texts
 from dynid.report.plot import (
     BandLayer,
     Bars,
+    Chart,
     Curve,
     Layer,
     Markers,
     PlotAxis,
     ReferenceLine,
     Subplot,
-    chart,
-    matrix_picture,
+    in_rows,
+    matrix_chart,
 )
-
-if TYPE_CHECKING:
-    from dynid.result import Result
-
+from dynid.result import Result
 
 GROUP = "identification/parameters"
 #: Columns of the table: names of the arrays, and headings.
@@ -44,27 +42,24 @@ _COLUMNS = {
 _PANELS = 12
 
 
-class _RecordGroup(NamedTuple):
-    """The group of a record in a result, and the ends of the names and titles of its figures."""
-
-    group: str
-    suffix: str
-    title: str
-
-
-def _record_groups(result: Result, group: str, member: str) -> list[_RecordGroup]:
-    """Return the groups that have a member: the group itself, or `record_1`, `record_2`, … in it."""
+def _figures_of_records(
+    result: Result,
+    group: str,
+    member: str,
+    name: str,
+    title: str,
+    draw: Callable[..., Chart],
+    *options: Any,
+) -> Iterator[Figure]:
+    """Yield a figure of a group that has a member, or of each `record_1`, `record_2`, … in it that has it."""
     if f"{group}/{member}" in result:
-        return [_RecordGroup(group, "", "")]
-    depth = group.count("/") + 1
-    names = [
-        path.split("/")[depth]
-        for path in result
-        if path.startswith(f"{group}/record_")
-        and path.endswith(f"/{member}")
-        and path.count("/") == depth + 1
-    ]
-    return [_RecordGroup(f"{group}/{name}", f"-{name}", f", {name.replace('_', ' ')}") for name in names]
+        yield Figure(name, title, partial(draw, result, group, *options))
+        return
+    for path in result:
+        record = path.removeprefix(f"{group}/").removesuffix(f"/{member}")
+        if record.startswith("record_") and path == f"{group}/{record}/{member}" and "/" not in record:
+            heading = f"{title}, {record.replace('_', ' ')}"
+            yield Figure(f"{name}-{record}", heading, partial(draw, result, f"{group}/{record}", *options))
 
 
 def figures(result: Result) -> Iterator[Figure]:
@@ -74,20 +69,15 @@ def figures(result: Result) -> Iterator[Figure]:
     path = f"{GROUP}/correlation"
     if path in result and result[path].shape[0] > 1:
         names = texts(result, f"{GROUP}/parameter")
-        draw = partial(
-            matrix_picture,
-            "correlation",
-            "Correlation of the estimates",
-            [("", result[path].data, names, names, ("", ""))],
-            (-1.0, 1.0),
-            "Blue: positive, orange: negative. Near ±1 the data do not distinguish the two parameters.",
-        )
+        about = "Blue: positive, orange: negative. Near ±1 the data do not distinguish the two parameters."
+        matrices = [("", result[path].data, names, names, ("", ""))]
+        draw = partial(matrix_chart, matrices, (-1.0, 1.0), about)
         yield Figure("correlation", "Correlation of the estimates", draw)
 
 
-def _estimates(result: Result) -> Picture:
+def _estimates(result: Result) -> Chart:
     estimate, error = (result[f"{GROUP}/{name}"].data for name in ("estimate", "standard_error"))
-    names = labels_with_units(result, GROUP, "name", len(result[f"{GROUP}/name"].data))
+    names = labels_with_units(result, GROUP, "name")
     true = result[f"{GROUP}/true"].data if f"{GROUP}/true" in result else np.full(len(names), np.nan)
     reference = np.where(np.isfinite(true), true, estimate)
     scale = np.where(reference == 0, 1.0, np.abs(reference)) / 100
@@ -119,52 +109,36 @@ def _estimates(result: Result) -> Picture:
         if f"{GROUP}/{name}" in result and (barred or name != "standard_error")
     }
     rows = zip(names, *(values.tolist() for values in columns.values()), strict=True)
-    svg = chart("estimates", "Estimates", [[plot]], about)
-    return Picture(svg, about, FigureTable(("parameter", *columns), tuple(rows)))
+    return Chart([[plot]], about, FigureTable(("parameter", *columns), tuple(rows)))
 
 
 def histories(result: Result) -> Iterator[Figure]:
     """Yield histories of parameters, and errors of states with known true values (Yang, Figs. 5, 8-10)."""
-    for group, name, title in (
-        ("identification/history", "history", "Parameters over the record"),
-        ("identification/first_pass", "first-pass", "Parameters over the record, first pass"),
-    ):
-        for record in _record_groups(result, group, "estimate"):
-            figure_name, heading = f"{name}{record.suffix}", f"{title}{record.title}"
-            yield Figure(figure_name, heading, partial(_history, result, record.group, figure_name, heading))
-    for group, name, title, members in (
-        (
-            "identification/history",
-            "state-error",
-            "State estimation error of the filter",
-            ("true_state", "state", "state_standard_deviation"),
-        ),
-        (
-            "identification/states",
-            "smoothed-state-error",
-            "State estimation error at the estimate",
-            ("true", "estimate", "standard_deviation"),
-        ),
-    ):
-        for record in _record_groups(result, group, members[0]):
-            figure_name, heading = f"{name}{record.suffix}", f"{title}{record.title}"
-            draw = partial(_state_errors, result, record.group, figure_name, heading, members)
-            yield Figure(figure_name, heading, draw)
+    passes, states = ("identification/history", "identification/first_pass"), "identification/states"
+    title = "Parameters over the record"
+    yield from _figures_of_records(result, passes[0], "estimate", "history", title, _history)
+    yield from _figures_of_records(
+        result, passes[1], "estimate", "first-pass", f"{title}, first pass", _history
+    )
+    title = "State estimation error"
+    members = ("true_state", "state", "state_standard_deviation")
+    yield from _figures_of_records(
+        result, passes[0], members[0], "state-error", f"{title} of the filter", _state_errors, members
+    )
+    members = ("true", "estimate", "standard_deviation")
+    yield from _figures_of_records(
+        result, states, members[0], "smoothed-state-error", f"{title} at the estimate", _state_errors, members
+    )
 
 
-def _history(result: Result, group: str, name: str, title: str) -> Picture:
+def _history(result: Result, group: str) -> Chart:
     time, estimate = result[f"{group}/time"].data, result[f"{group}/estimate"].data
     deviation = result[f"{group}/standard_deviation"].data
     # The true values are stored with the last pass only.
     of_truth = group.replace("first_pass", "history")
     true = result[f"{of_truth}/true"].data if f"{of_truth}/true" in result else None
-    known_names = texts(result, f"{GROUP}/name")
-    labelled = (
-        dict(zip(known_names, labels_with_units(result, GROUP, "name", len(known_names)), strict=True))
-        if known_names
-        else {}
-    )
-    names = [labelled.get(own, own) for own in texts(result, f"{group}/parameter")][: estimate.shape[1]]
+    labels = dict(zip(texts(result, f"{GROUP}/name"), labels_with_units(result, GROUP, "name"), strict=True))
+    names = [labels.get(own, own) for own in texts(result, f"{group}/parameter")][: estimate.shape[1]]
     subplots, columns, barred = list[Subplot](), {"time (s)": time}, not is_rejected(result)
     for index, label in enumerate(names):
         own, half = estimate[:, index], deviation[:, index]
@@ -178,8 +152,7 @@ def _history(result: Result, group: str, name: str, title: str) -> Picture:
     ends = "; ".join(f"{label}: {short(float(estimate[-1, k]))}" for k, label in enumerate(names[:4]))
     left = f" The first {_PANELS} of {len(names)} parameters." if len(names) > _PANELS else ""
     about = f"Final values: {ends}.{left}"
-    rows = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
-    return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))
+    return Chart(in_rows(subplots), about, table_of(columns), shared=True)
 
 
 def _visible_band(values: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -190,9 +163,7 @@ def _visible_band(values: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.
     return np.maximum(values - half, low), np.minimum(values + half, high)
 
 
-def _state_errors(
-    result: Result, group: str, name: str, title: str, members: tuple[str, str, str]
-) -> Picture:
+def _state_errors(result: Result, group: str, members: tuple[str, str, str]) -> Chart:
     time = result[f"{group}/time"].data
     true, estimate, deviation = members
     error = result[f"{group}/{estimate}"].data - result[f"{group}/{true}"].data
@@ -215,9 +186,8 @@ def _state_errors(
         subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(names[state]), layers, height=135.0))
     left = f" {len(shown)} of {len(names)} states." if len(shown) < len(names) else ""
     about = f"Estimated minus true states, with the 95 % band of the estimator.{left}"
-    rows = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
     columns = {"time (s)": time} | {f"error of {names[state]}": error[:, state] for state in shown}
-    return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))
+    return Chart(in_rows(subplots), about, table_of(columns), shared=True)
 
 
 _MEASURED = "identification/measurement"
@@ -227,13 +197,11 @@ CHANNELS = 8
 
 def predictions(result: Result) -> Iterator[Figure]:
     """Yield predictions over time or frequency, and the whiteness of the residuals."""
-    for record in _record_groups(result, _MEASURED, "predicted"):
-        if f"{record.group}/time" in result:
-            name, title, draw = "prediction", "Measured and predicted", _over_time
-        else:
-            name, title, draw = "fit", "Measured and fitted responses", _over_frequency
-        name, title = f"{name}{record.suffix}", f"{title}{record.title}"
-        yield Figure(name, title, partial(draw, result, record.group, name, title))
+    if f"{_MEASURED}/omega" in result:
+        name, title, draw = "fit", "Measured and fitted responses", _over_frequency
+    else:
+        name, title, draw = "prediction", "Measured and predicted", _over_time
+    yield from _figures_of_records(result, _MEASURED, "predicted", name, title, draw)
     group = "identification/diagnostics"
     if f"{group}/autocorrelation" in result:
         yield Figure("whiteness", "Autocorrelation of the residuals", partial(_whiteness, result, group))
@@ -265,7 +233,7 @@ def _drawn_channels(result: Result, misfit: Array) -> tuple[list[int], str]:
     return places[:CHANNELS].tolist(), more
 
 
-def _over_time(result: Result, group: str, name: str, title: str) -> Picture:
+def _over_time(result: Result, group: str) -> Chart:
     time, channels = result[f"{group}/time"].data, _channels(result, group)
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
     spectra = group.replace("measurement", "residual_spectrum")
@@ -297,11 +265,10 @@ def _over_time(result: Result, group: str, name: str, title: str) -> Picture:
         for k in drawn[:4]
     ]
     about = f"Residual relative to the signal: {'; '.join(shares)}.{more}"
-    svg = chart(name, title, rows, about, width=1000.0, height=150.0)
-    return Picture(svg, about, table_of(columns))
+    return Chart(rows, about, table_of(columns), width=1000.0, height=150.0)
 
 
-def _over_frequency(result: Result, group: str, name: str, title: str) -> Picture:
+def _over_frequency(result: Result, group: str) -> Chart:
     at, channels = frequencies(result, f"{group}/omega"), _channels(result, group)
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
     rows, columns = [], dict(at.columns)
@@ -323,19 +290,14 @@ def _over_frequency(result: Result, group: str, name: str, title: str) -> Pictur
             Markers(at.shown, np.rad2deg(np.angle(data)), "", "s7", "o", 1.6),
             Curve(at.shown, phase, "", "s1", name="fitted"),
         ]
+        magnitude = Subplot(at.axis, PlotAxis(channel, log=True), sizes, weight=1.4)
         upright = PlotAxis("phase (°)", step=15, low=-180, high=180)
-        rows.append(
-            [
-                Subplot(at.axis, PlotAxis(channel, log=True), sizes, weight=1.4),
-                Subplot(at.axis, upright, phases),
-            ]
-        )
+        rows.append([magnitude, Subplot(at.axis, upright, phases)])
     about = f"Measured and fitted responses, and the magnitude of their difference.{more}"
-    svg = chart(name, title, rows, about, width=900.0, height=190.0)
-    return Picture(svg, about, table_of(columns))
+    return Chart(rows, about, table_of(columns), width=900.0, height=190.0)
 
 
-def _whiteness(result: Result, group: str) -> Picture:
+def _whiteness(result: Result, group: str) -> Chart:
     lag, values = result[f"{group}/lag"].data, result[f"{group}/autocorrelation"].data
     bands = result[f"{group}/autocorrelation_band"].data
     there = np.flatnonzero(~np.isnan(bands))  # modes have no order
@@ -353,7 +315,5 @@ def _whiteness(result: Result, group: str) -> Picture:
         subplots.append(Subplot(across, up, layers, channel, height=150.0))
     outside = int((np.abs(values) > bands).sum())
     about = f"{outside} of {values.size} values are outside the band; for white noise about 1 in 20 would be."
-    rows = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
-    svg = chart("whiteness", "Autocorrelation of the residuals", rows, about)
     columns = {"lag (samples)": lag} | {channel: values[:, k] for k, channel in enumerate(channels)}
-    return Picture(svg, about, table_of(columns))
+    return Chart(in_rows(subplots), about, table_of(columns))

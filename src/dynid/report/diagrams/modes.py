@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +16,10 @@ from dynid.report.drawing.space import Space
 from dynid.report.drawing.structure_scene import StructureGeometry, geometry_of
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
 from dynid.report.notation import short
-from dynid.report.plot import Layer, Markers, PlotAxis, ReferenceLine, Subplot, chart, matrix_picture
+from dynid.report.plot import Chart, Layer, Markers, PlotAxis, ReferenceLine, Subplot, matrix_chart
 from dynid.report.scenes import frequency_unit, scene_of
 from dynid.report.svg import TITLE, Point, Svg, path_of
-
-if TYPE_CHECKING:
-    from dynid.result import Result
-
+from dynid.result import Result
 
 #: Title, paths of frequency error and MAC, colour and mark.
 _SERIES = (
@@ -44,7 +40,7 @@ def figures(result: Result) -> Iterator[Figure]:
         yield Figure("mac", "MAC of measured and computed modes", partial(_tables, result))
 
 
-def _pairs(result: Result) -> Picture:
+def _pairs(result: Result) -> Chart:
     """Draw the error of each frequency and the MAC of each pair, before and after."""
     names = tuple(str(mode) for mode in result[f"{GROUP}/mode"].data)
     height = np.arange(len(names), dtype=float)
@@ -60,14 +56,13 @@ def _pairs(result: Result) -> Picture:
     if shown:
         rows.append([Subplot(axis, PlotAxis("MAC"), shown, height=120.0)])
     table = modal_table(result)
-    title = "Measured modes before and after"
     about = (
         "Errors of the model's frequencies, and agreement of its shapes with the measured ones (1: the same)."
     )
-    return Picture(chart("measured-modes", title, rows, about), about, FigureTable(table.columns, table.rows))
+    return Chart(rows, about, FigureTable(table.columns, table.rows))
 
 
-def _tables(result: Result) -> Picture:
+def _tables(result: Result) -> Chart:
     """Draw the MAC of all pairs, before and after."""
     rows = [str(mode) for mode in result[f"{GROUP}/mode"].data]
     columns = [str(mode) for mode in result[f"{GROUP}/computed"].data]
@@ -75,8 +70,7 @@ def _tables(result: Result) -> Picture:
         (title, np.nan_to_num(result[f"{GROUP}/{name}"].data), rows, columns, ("measured", "model"))
         for name, title in (("mac_table_start", "start"), ("mac_table", "estimate"))
     ]
-    title, about = "MAC of measured and computed modes", "1: the shapes agree; 0: they are orthogonal."
-    return matrix_picture("mac", title, rows_of_modes, (0.0, 1.0), about)
+    return matrix_chart(rows_of_modes, (0.0, 1.0), "1: the shapes agree; 0: they are orthogonal.")
 
 
 _MODES, _BESIDE, _LINES = 9, 3, 700

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.report.diagrams.responses import frequencies
-from dynid.report.figure import CellValue, Figure, FigureTable, Picture, table_of
+from dynid.report.figure import CellValue, Figure, FigureTable, table_of
 from dynid.report.notation import short, texts
-from dynid.report.plot import Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
-
-if TYPE_CHECKING:
-    from dynid.result import Result
+from dynid.report.plot import Chart, Curve, Layer, Markers, PlotAxis, Subplot, series_class
+from dynid.result import Result
 
 #: Most sensors that are ranked in a figure.
 SENSORS = 30
@@ -27,10 +24,10 @@ def figures(result: Result) -> Iterator[Figure]:
         yield Figure("sensors", "Sensors, each alone", partial(_sensors, result))
     if "plan/excitation/worth" in result:
         title = "Location and frequency of the excitation"
-        yield Figure("excitation", title, partial(_excitation, result, title))
+        yield Figure("excitation", title, partial(_excitation, result))
 
 
-def _sensors(result: Result) -> Picture:
+def _sensors(result: Result) -> Chart:
     group = "plan/sensors"
     bounds = result[f"{group}/bound_alone"].data
     names, unknowns = texts(result, f"{group}/candidate"), texts(result, f"{group}/parameter")
@@ -46,27 +43,22 @@ def _sensors(result: Result) -> Picture:
         at = np.arange(len(order), dtype=float)
         layers.append(Markers(values, at, unknown, series_class(index), _SYMBOLS[index % 6], 3.5, tips))
     labels = tuple(names[k] + (" ✓" if names[k] in chosen else "") for k in upwards)
-    plot = Subplot(
-        PlotAxis("bound on the standard error (%)", log=True),
-        PlotAxis("", names=labels),
-        layers,
-        height=max(120.0, 16.0 * len(order)),
-    )
+    across, height = PlotAxis("bound on the standard error (%)", log=True), max(120.0, 16.0 * len(order))
+    plot = Subplot(across, PlotAxis("", names=labels), layers, height=height)
     dropped = len(names) - len(order)
     left = f" {dropped} more have larger bounds, or do not identify every parameter alone." if dropped else ""
     about = (
         f"Bounds with one sensor alone, the best at the top. ✓: best combination, {', '.join(chosen)}. "
         f"Present sensors: {', '.join(present)}.{left}"
     )
-    svg = chart("sensors", "Sensors, each alone", [[plot]], about)
     rows: tuple[tuple[CellValue, ...], ...] = tuple(
         (names[k], names[k] in chosen, *map(float, bounds[k])) for k in order
     )
     head = ("sensor", "chosen", *(f"relative bound of {unknown}" for unknown in unknowns))
-    return Picture(svg, about, FigureTable(head, rows))
+    return Chart([[plot]], about, FigureTable(head, rows))
 
 
-def _excitation(result: Result, title: str) -> Picture:
+def _excitation(result: Result) -> Chart:
     group = "plan/excitation"
     at = frequencies(result, f"{group}/omega")
     bounds, dofs = result[f"{group}/worth"].data, texts(result, f"{group}/dof")
@@ -84,4 +76,4 @@ def _excitation(result: Result, title: str) -> Picture:
     about = "Bound with a sine of the present force, geometric mean over the parameters; lower is better."
     plot = Subplot(at.axis, PlotAxis("relative bound", log=True), layers, height=220.0)
     columns = dict(at.columns) | {f"force at {dof}": bounds[:, k] for k, dof in enumerate(dofs)}
-    return Picture(chart("excitation", title, [[plot]], about), about, table_of(columns))
+    return Chart([[plot]], about, table_of(columns))

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from dynid.arrays import ComplexArray
 from dynid.number_format import counted
-from dynid.report.diagrams.responses import ROW, decibels, frequencies, rounded_locus
-from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced, table_of
+from dynid.report.diagrams.responses import ROW, decibels, frequencies, nyquist_curves
+from dynid.report.figure import CellValue, Figure, FigureTable, evenly_spaced, table_of
 from dynid.report.notation import approximation, frequency_label, short
 from dynid.report.plot import (
     Annotation,
+    Chart,
     Curve,
     Layer,
     LegendEntry,
@@ -25,15 +26,15 @@ from dynid.report.plot import (
     PlotAxis,
     ReferenceLine,
     Subplot,
-    chart,
+    in_rows,
     series_class,
 )
 from dynid.report.scenes import frequency_unit
+from dynid.result import Result
 from dynid.units import FrequencyUnit
 
 if TYPE_CHECKING:
     from dynid.report.diagrams.study_samples import StudyNumbers, StudyVariable
-    from dynid.result import Result
 
 
 Roots = tuple[str, ComplexArray, NDArray[np.float64]]
@@ -49,6 +50,8 @@ _SYMBOLS = {"pole": ("x", "s1"), "zero": ("ring", "s2"), "hidden mode": ("kite",
 AXES = ("real part (rad/s)", "imaginary part (rad/s)")
 #: Most samples of a root locus that are drawn.
 POINTS = 600
+#: Lines on which the real or the imaginary part is zero.
+_ORIGIN = (ReferenceLine(0.0, "", "frame"), ReferenceLine(0.0, "", "frame", upright=True))
 
 
 def figures(result: Result) -> Iterator[Figure]:
@@ -62,7 +65,7 @@ def figures(result: Result) -> Iterator[Figure]:
         pair = group.removeprefix(f"{_TRANSFER_FUNCTION}/")
         output, _, source = pair.rpartition("/")
         name, title = f"poles-{pair.replace('/', '-')}", f"Poles and zeros of {output} / {source}"
-        yield Figure(name, title, partial(_map_picture, result, group, name, title))
+        yield Figure(name, title, partial(_pole_zero_maps, result, group))
 
 
 def roots_of(result: Result, group: str) -> list[Roots]:
@@ -81,7 +84,7 @@ def roots_of(result: Result, group: str) -> list[Roots]:
     return roots
 
 
-def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
+def _pole_zero_maps(result: Result, group: str) -> Chart:
     kinds, unit = roots_of(result, group), frequency_unit(result)
     rows: tuple[tuple[CellValue, ...], ...] = tuple(
         (
@@ -122,7 +125,6 @@ def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
         about += " Real and imaginary parts have different scales."
     legend = [LegendEntry(f"{what}s", *_SYMBOLS[what]) for what, values, _ in kinds if len(values)]
     width = 480.0 if len(maps) == 1 else 860.0
-    svg = chart(name, title, [maps], about, width=width, height=360.0, legend=legend)
     columns = (
         f"root{' (approximate)' if late else ''}",
         *AXES,
@@ -130,7 +132,12 @@ def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
         "ζ",
         "error bound (rad/s)",
     )
-    return Picture(svg, about, FigureTable(columns, rows))
+    return Chart([maps], about, FigureTable(columns, rows), width, 360.0, legend=legend)
+
+
+def _root_text(root: complex) -> str:
+    """Return a root with four digits."""
+    return f"{short(root.real)} {'−+'[root.imag >= 0]} {short(abs(root.imag))}j"
 
 
 def _map(kinds: Sequence[Roots], reach: float, title: str, unit: FrequencyUnit) -> Subplot:
@@ -159,16 +166,15 @@ def _map(kinds: Sequence[Roots], reach: float, title: str, unit: FrequencyUnit) 
         for share in (0.25, 0.5, 0.75, 1.0):  # circles of constant natural frequency
             circle = share * reach * half_turn
             layers.append(Curve(circle.real, circle.imag, "", "grid", spans=False))
-    layers += [ReferenceLine(0.0, "", "frame"), ReferenceLine(0.0, "", "frame", upright=True)]
+    layers += _ORIGIN
     turn = np.exp(1j * np.linspace(0, 2 * np.pi, 73))
     for what, values, bounds in within:
         symbol, cls = _SYMBOLS[what]
         counts = Counter(values[:_MOST].tolist())
         tips = []
         for root, count in counts.items():
-            value = f"{short(root.real)} {'+' if root.imag >= 0 else '−'} {short(abs(root.imag))}j"
             shown = f" ({unit.text(abs(root))})" if unit.name != "rad/s" and root.imag else ""
-            tips.append(f"{what} {value} rad/s{shown}" + (f", {count} times" if count > 1 else ""))
+            tips.append(f"{what} {_root_text(root)} rad/s{shown}" + (f", {count} times" if count > 1 else ""))
         points = np.array(list(counts), dtype=complex)
         size = 8 if symbol == "kite" else 5
         layers.append(Markers(points.real, points.imag, "", cls, symbol, size, tips))
@@ -203,15 +209,13 @@ def root_loci(result: Result) -> Iterator[Figure]:
     for group in groups:
         pair = group.removeprefix(f"{_TRANSFER_FUNCTION}/")
         name, title = f"root-locus-{pair.replace('/', '-')}", f"Root locus of {pair} over {parameter.name}"
-        yield Figure(name, title, partial(_locus_picture, numbers, parameter, group, name, title))
+        yield Figure(name, title, partial(_study_locus, numbers, parameter, group))
 
 
-def _locus_picture(
-    numbers: StudyNumbers, parameter: StudyVariable, group: str, name: str, title: str
-) -> Picture:
+def _study_locus(numbers: StudyNumbers, parameter: StudyVariable, group: str) -> Chart:
     order = np.argsort(parameter.values, kind="stable")
     drawn = order[evenly_spaced(len(order), POINTS)]
-    layers: list[Layer] = [ReferenceLine(0.0, "", "frame"), ReferenceLine(0.0, "", "frame", upright=True)]
+    layers: list[Layer] = [*_ORIGIN]
     rows: list[tuple[CellValue, ...]] = []
     note = ""
     for what, symbol, cls in (("poles", "x", "s1"), ("zeros", "ring", "s2")):
@@ -227,8 +231,8 @@ def _locus_picture(
         )
         roots = roots[kept]
         tips = [
-            f"{parameter.name} {short(p)}: {short(r.real)} {'−+'[r.imag >= 0]} {short(abs(r.imag))}j"
-            for r, p in zip(roots.tolist(), values, strict=True)
+            f"{parameter.name} {short(value)}: {_root_text(root)}"
+            for root, value in zip(roots.tolist(), values, strict=True)
         ]
         layers.append(Markers(roots.real, roots.imag, what, cls, symbol, 3.5, tips, opacity))
         rows += zip(values, [what[:-1]] * len(tips), roots.real.tolist(), roots.imag.tolist(), strict=True)
@@ -237,8 +241,8 @@ def _locus_picture(
         f"{parameter.path} from {short(float(ends[0]))} (faint) to {short(float(ends[1]))} (opaque).{note}"
     )
     plot = Subplot(PlotAxis(AXES[0]), PlotAxis(AXES[1]), layers, square=True)
-    svg = chart(name, title, [[plot]], about, width=560.0, height=420.0)
-    return Picture(svg, about, FigureTable((parameter.label, "root", *AXES), tuple(rows[:1000])))
+    table = FigureTable((parameter.label, "root", *AXES), tuple(rows[:1000]))
+    return Chart([[plot]], about, table, width=560.0, height=420.0)
 
 
 _FUNCTIONS, _LOCUS = "bond_graph/sensitivity_functions", "bond_graph/root_locus"
@@ -258,12 +262,11 @@ def loops(result: Result) -> Iterator[Figure]:
     ]
     for group in groups[:_LOOPS]:
         name = f"root-locus-{group.rpartition('/')[2].replace('_', '-')}"
-        loop = str(result.group_attrs[group]["loop"])
-        title = f"Root locus of {loop}"
-        yield Figure(name, title, partial(_root_locus, result, group, name, title))
+        title = f"Root locus of {result.group_attrs[group]['loop']}"
+        yield Figure(name, title, partial(_root_locus, result, group))
 
 
-def _nyquist(result: Result) -> Picture:
+def _nyquist(result: Result) -> Chart:
     at = frequencies(result, f"{_FUNCTIONS}/omega")
     loops, responses = result[f"{_FUNCTIONS}/loop"].data, result[f"{_FUNCTIONS}/L"].data
     circle = np.exp(1j * np.linspace(0, 2 * np.pi, 121))
@@ -271,33 +274,28 @@ def _nyquist(result: Result) -> Picture:
     for loop, response in zip(loops[:_LOOPS], responses.T, strict=False):
         columns |= {f"Re L, {loop}": response.real, f"Im L, {loop}": response.imag}
         drawn = np.where(np.abs(response) <= 2 * _REACH, response, np.nan)
-        locus, along = rounded_locus(drawn, at.shown)
         size = float(np.nanmax(np.abs(drawn), initial=1.2)) if np.isfinite(drawn).any() else 1.2
         reach = min(_REACH, 1.1 * max(size, 1.2))
         layers: list[Layer] = [
-            ReferenceLine(0.0, "", "frame"),
-            ReferenceLine(0.0, "", "frame", upright=True),
+            *_ORIGIN,
             Curve(circle.real, circle.imag, "", "grid", name="|L| = 1"),
-            Curve(locus.real, -locus.imag, "", "s1 fine dashed", name="negative frequencies"),
-            Curve(locus.real, locus.imag, "", "s1", name="L", along=along),
+            *nyquist_curves(drawn, at, "L"),
             Markers([-1.0], [0.0], "", "mark", "+", 5, ["−1"]),
         ]
         across, up = (PlotAxis(f"{axis} part", low=-reach, high=reach) for axis in ("real", "imaginary"))
         subplots.append(Subplot(across, up, layers, str(loop), square=True, parameter=at.axis.label))
     per_row = min(len(subplots), ROW)
-    rows = [subplots[start : start + per_row] for start in range(0, len(subplots), per_row)]
     verdicts = [str(text) for text in result["bond_graph/margins/stability"].data[:_LOOPS]]
     late = ", with delays as they are" if "delays" in result.group_attrs.get("bond_graph", {}) else ""
     about = (
         f"L(jω) of every loop, the others closed{late}; dashed: negative frequencies; the "
         f"circle has the radius 1, the cross is −1. Closed: {'; '.join(dict.fromkeys(verdicts))}."
     )
-    wide = 420.0 if per_row == 1 else 760.0
-    svg = chart("loop-nyquist", "Nyquist diagram of the loops", rows, about, width=wide, height=320.0)
-    return Picture(svg, about, table_of(columns))
+    width = 420.0 if per_row == 1 else 760.0
+    return Chart(in_rows(subplots, per_row), about, table_of(columns), width, 320.0)
 
 
-def _sensitivities(result: Result) -> Picture:
+def _sensitivities(result: Result) -> Chart:
     at = frequencies(result, f"{_FUNCTIONS}/omega")
     layers, columns = list[Layer](), dict(at.columns)
     for index, loop in enumerate(result[f"{_FUNCTIONS}/loop"].data[:_LOOPS]):
@@ -317,12 +315,10 @@ def _sensitivities(result: Result) -> Picture:
     )
     about = f"S = 1/(1 + L), drawn through, and T = L/(1 + L), dashed. Peaks over all frequencies: {peaks}."
     plot = Subplot(at.axis, PlotAxis("magnitude (dB)"), layers, height=260.0)
-    return Picture(
-        chart("sensitivity-functions", "Sensitivity functions", [[plot]], about), about, table_of(columns)
-    )
+    return Chart([[plot]], about, table_of(columns))
 
 
-def _root_locus(result: Result, group: str, name: str, title: str) -> Picture:
+def _root_locus(result: Result, group: str) -> Chart:
     unit = frequency_unit(result)
     gains, poles = result[f"{group}/gain"].data, result[f"{group}/poles"].data
     zeros = result[f"{group}/zeros"].data
@@ -338,7 +334,7 @@ def _root_locus(result: Result, group: str, name: str, title: str) -> Picture:
         ]
         notable = notable[notable <= 4 * next((one for one in crossings if 0 < one < np.inf), np.inf)]
     reach = 1.5 * float(np.max(notable[np.isfinite(notable)], initial=0.1))
-    layers: list[Layer] = [ReferenceLine(0.0, "", "frame"), ReferenceLine(0.0, "", "frame", upright=True)]
+    layers: list[Layer] = [*_ORIGIN]
     for branch in poles.T:
         drawn = np.where(np.abs(branch) <= 1.5 * reach, branch, np.nan)
         layers.append(Curve(drawn.real, drawn.imag, "", "s1 fine"))
@@ -348,18 +344,18 @@ def _root_locus(result: Result, group: str, name: str, title: str) -> Picture:
         (closed_poles, "poles with the gain as it is", "o", "s4"),
     ):
         inside = values[np.isfinite(values) & (np.abs(values) <= reach)]
-        tips = [f"{short(r.real)} {'−+'[r.imag >= 0]} {short(abs(r.imag))}j" for r in inside.tolist()]
+        tips = list(map(_root_text, inside.tolist()))
         layers.append(Markers(inside.real, inside.imag, what, cls, symbol, 4.5, tips))
     across, up = (PlotAxis(label, low=-reach, high=reach) for label in AXES)
     note = approximation(result.group_attrs[group])
     span = f"{short(float(gains[1]))} to {short(float(gains[-1]))}"
     about = f"{counted(poles.shape[1], 'pole')} over a factor on the gain of the loop, from {span}.{note}"
     plot = Subplot(across, up, layers, square=True, parameter=frequency_label(unit), per_y=unit.factor)
-    svg = chart(name, title, [[plot]], about, width=560.0, height=420.0)
     rows: list[tuple[CellValue, ...]] = [
         (float(gain), float(pole.real), float(pole.imag))
         for gain, row in zip(gains, poles, strict=True)
         for pole in row
         if np.isfinite(pole)
     ]
-    return Picture(svg, about, FigureTable(("gain", *AXES), tuple(rows[:2000])))
+    table = FigureTable(("gain", *AXES), tuple(rows[:2000]))
+    return Chart([[plot]], about, table, width=560.0, height=420.0)

@@ -4,28 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.report.diagrams.responses import frequencies
-from dynid.report.figure import CellValue, Figure, FigureTable, Picture, table_of
+from dynid.report.figure import CellValue, Figure, FigureTable, table_of
 from dynid.report.notation import labelled, short, texts
 from dynid.report.plot import (
+    Chart,
     Curve,
     Layer,
     Markers,
     Matrix,
     PlotAxis,
     Subplot,
-    chart,
-    matrix_picture,
+    in_rows,
+    matrix_chart,
     series_class,
 )
 from dynid.report.scenes import frequency_unit
-
-if TYPE_CHECKING:
-    from dynid.result import Result
+from dynid.result import Result
 
 #: Most responses that are drawn.
 RESPONSES = 6
@@ -37,11 +35,11 @@ def figures(result: Result) -> Iterator[Figure]:
     methods = texts(result, "reduction/method")
     if "reduction/frf/full" in result:
         title = "Frequency responses before and after reduction"
-        yield Figure("reduction-frf", title, partial(_responses, result, methods, title))
+        yield Figure("reduction-frf", title, partial(_responses, result, methods))
     compared = [method for method in methods if f"reduction/{method}/frequency_error" in result]
     if compared:
         title = "Frequencies of the reduced models"
-        yield Figure("reduction-frequencies", title, partial(_frequencies, result, compared, title))
+        yield Figure("reduction-frequencies", title, partial(_frequencies, result, compared))
     matrices: list[Matrix] = [
         (
             method,
@@ -55,11 +53,11 @@ def figures(result: Result) -> Iterator[Figure]:
     ]
     if matrices:
         about = "1: the modes of the reduced and of the full model have the same shape; 0: orthogonal shapes."
-        draw = partial(matrix_picture, "mac", "Modal assurance criterion", matrices, (0.0, 1.0), about)
+        draw = partial(matrix_chart, matrices, (0.0, 1.0), about)
         yield Figure("mac", "Modal assurance criterion", draw)
 
 
-def _responses(result: Result, methods: Sequence[str], title: str) -> Picture:
+def _responses(result: Result, methods: Sequence[str]) -> Chart:
     group = "reduction/frf"
     at = frequencies(result, f"{group}/omega")
     outputs, inputs = texts(result, f"{group}/output"), texts(result, f"{group}/input")
@@ -72,25 +70,20 @@ def _responses(result: Result, methods: Sequence[str], title: str) -> Picture:
             pair = f"{output} / {source}"
             curves = {"full": full.data[:, row, column]}
             curves |= {method: result[f"{group}/{method}"].data[:, row, column] for method in shown}
+            classes = ["bond", *(series_class(index, True) for index in range(len(shown)))]
             layers: list[Layer] = [
-                Curve(
-                    at.shown,
-                    np.abs(values),
-                    name,
-                    "bond" if name == "full" else series_class(index - 1, True),
-                )
-                for index, (name, values) in enumerate(curves.items())
+                Curve(at.shown, np.abs(values), name, cls)
+                for cls, (name, values) in zip(classes, curves.items(), strict=True)
             ]
             upright = PlotAxis(labelled(pair, units[row]), log=True)
             subplots.append(Subplot(at.axis, upright, layers, height=230.0))
             columns |= {f"|{pair}|, {name}": np.abs(values) for name, values in curves.items()}
     left = f" The first {RESPONSES} of {len(subplots)} responses." if len(subplots) > RESPONSES else ""
     about = f"Deviations from the full model: errors of reduced modes, or modes that a method omits.{left}"
-    svg = chart("reduction-frf", title, [[plot] for plot in subplots[:RESPONSES]], about, shared=True)
-    return Picture(svg, about, table_of(columns))
+    return Chart(in_rows(subplots[:RESPONSES], 1), about, table_of(columns), shared=True)
 
 
-def _frequencies(result: Result, methods: Sequence[str], title: str) -> Picture:
+def _frequencies(result: Result, methods: Sequence[str]) -> Chart:
     layers: list[Layer] = []
     rows: list[tuple[CellValue, ...]] = []
     unit = frequency_unit(result)
@@ -112,5 +105,4 @@ def _frequencies(result: Result, methods: Sequence[str], title: str) -> Picture:
     plot = Subplot(PlotAxis("mode", step=1), PlotAxis("frequency error (%)", log=True), layers)
     heading, full = f"frequency ({unit.name})", f"of the full model ({unit.name})"
     columns = ("method", "mode", heading, full, "relative error")
-    svg = chart("reduction-frequencies", title, [[plot]], about)
-    return Picture(svg, about, FigureTable(columns, tuple(rows)))
+    return Chart([[plot]], about, FigureTable(columns, tuple(rows)))

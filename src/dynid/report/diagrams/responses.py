@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,15 +13,22 @@ from numpy.typing import ArrayLike
 from dynid.arrays import Array, ComplexArray
 from dynid.report.content.design import DESIGN
 from dynid.report.content.modes import DERIVED, is_requested
-from dynid.report.figure import Figure, Picture, table_of
+from dynid.report.figure import Figure, table_of
 from dynid.report.notation import approximation, frequency_label, in_decibels, labelled, short
-from dynid.report.plot import BandLayer, Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
+from dynid.report.plot import (
+    BandLayer,
+    Chart,
+    Curve,
+    Layer,
+    Markers,
+    PlotAxis,
+    Subplot,
+    in_rows,
+    series_class,
+)
 from dynid.report.scenes import frequency_unit, peak_responses
-from dynid.result import common_unit
-
-if TYPE_CHECKING:
-    from dynid.result import Result
-    from dynid.units import FrequencyUnit
+from dynid.result import Result, common_unit
+from dynid.units import FrequencyUnit
 
 _NamedResponse = tuple[str, ComplexArray]
 #: Most curves in one diagram; most subplots of a Nyquist grid in a row and in all; most of time responses.
@@ -101,12 +107,11 @@ def figures(result: Result) -> Iterator[Figure]:
             if f"{group}/{side}_Z_eq" in result
         ]
         if groups:
-            title = "Impedances at the port"
             late = approximation(groups[0][1].attrs)
             about = f"Impedances of source and load, as seen from the port.{late}"
             shown = [(name, variable.data) for name, variable in groups]
-            draw = partial(_bode, "port-impedances", title, about, at, shown, groups[0][1].units, "impedance")
-            yield Figure("port-impedances", title, draw)
+            draw = partial(_bode, about, at, shown, groups[0][1].units, "impedance")
+            yield Figure("port-impedances", "Impedances at the port", draw)
 
 
 def _bode_and_nyquist(result: Result, group: str) -> Iterator[Figure]:
@@ -141,27 +146,12 @@ def _bode_and_nyquist(result: Result, group: str) -> Iterator[Figure]:
         tops = [f"|{name}| {peak}" for (name, _), peak in zip(curves[part], peaks[part], strict=True)]
         about = f"{'; '.join(tops[:3])}."
         absolute = group.startswith("structure") and bool(same)
-        yield Figure(
-            f"bode{suffix}",
-            f"Frequency response{suffix.replace('-', ', part ')}",
-            partial(
-                _bode,
-                f"bode{suffix}",
-                "Frequency response",
-                about,
-                at,
-                curves[part],
-                same,
-                "magnitude",
-                absolute=absolute,
-            ),
-        )
+        draw = partial(_bode, about, at, curves[part], same, "magnitude", absolute=absolute)
+        yield Figure(f"bode{suffix}", f"Frequency response{suffix.replace('-', ', part ')}", draw)
     yield Figure("nyquist", "Nyquist diagram", partial(_nyquist, at, curves, units, len(inputs)))
 
 
 def _bode(
-    name: str,
-    title: str,
     about: str,
     at: Frequencies,
     curves: Sequence[_NamedResponse],
@@ -169,40 +159,31 @@ def _bode(
     quantity: str,
     *,
     absolute: bool = False,
-) -> Picture:
+) -> Chart:
     """Draw magnitudes, in dB or absolute on a logarithmic axis, and phases."""
-    label = labelled(quantity, units) if absolute else in_decibels(quantity, units)
+
+    def headed(name: str, unit: str) -> str:
+        return labelled(name, unit) if absolute else in_decibels(name, unit)
+
     up, down, columns = list[Layer](), list[Layer](), dict(at.columns)
     for index, (curve, values) in enumerate(curves):
-        size, phase, magnitude_name = (
-            np.abs(values) if absolute else decibels(values),
-            degrees(values),
-            f"|{curve}|",
-        )
+        size, phase = np.abs(values) if absolute else decibels(values), degrees(values)
         up.append(Curve(at.shown, size, curve, series_class(index)))
         down.append(Curve(at.shown, phase, "", series_class(index), name=curve))
-        columns[
-            labelled(magnitude_name, units) if absolute else in_decibels(magnitude_name, units or "1")
-        ] = size
+        columns[headed(f"|{curve}|", units if absolute else units or "1")] = size
         columns[f"∠ {curve} (°)"] = phase
-    rows = [
-        [Subplot(at.axis, PlotAxis(label, log=absolute), up, height=220.0)],
-        [Subplot(at.axis, PlotAxis("phase (°)", step=15), down, height=0.7 * 220.0)],
-    ]
-    return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))
+    magnitude = Subplot(at.axis, PlotAxis(headed(quantity, units), log=absolute), up, height=220.0)
+    phases = Subplot(at.axis, PlotAxis("phase (°)", step=15), down, height=0.7 * 220.0)
+    return Chart([[magnitude], [phases]], about, table_of(columns), shared=True)
 
 
-def _nyquist(at: Frequencies, curves: Sequence[_NamedResponse], units: Sequence[str], inputs: int) -> Picture:
+def _nyquist(at: Frequencies, curves: Sequence[_NamedResponse], units: Sequence[str], inputs: int) -> Chart:
     subplots, columns = [], dict(at.columns)
     for (name, response), unit in zip(curves[:LOCI], units, strict=False):
         columns |= {f"Re {name}": response.real, f"Im {name}": response.imag}
         values = np.where(np.isfinite(response), response, np.nan)
         finite = np.flatnonzero(np.isfinite(values))
-        locus, along = rounded_locus(values, at.shown)
-        layers: list[Layer] = [
-            Curve(locus.real, -locus.imag, "", "s1 fine dashed", name="negative frequencies"),
-            Curve(locus.real, locus.imag, "", "s1", name=name, along=along),
-        ]
+        layers: list[Layer] = [*nyquist_curves(values, at, name)]
         if finite.size:
             first = finite[0]
             tip = f"{short(at.shown[first])} {at.unit.name}"
@@ -210,12 +191,19 @@ def _nyquist(at: Frequencies, curves: Sequence[_NamedResponse], units: Sequence[
         real, imaginary = (PlotAxis(labelled(f"{axis} part", unit)) for axis in ("real", "imaginary"))
         subplots.append(Subplot(real, imaginary, layers, name, square=True, parameter=at.axis.label))
     per_row = min(len(subplots), inputs if 1 < inputs <= ROW else ROW)
-    rows = [subplots[start : start + per_row] for start in range(0, len(subplots), per_row)]
     left = f" The first {LOCI} of {len(curves)} responses." if len(curves) > LOCI else ""
     about = f"The dot is the lowest frequency, dashed lines are negative frequencies.{left}"
-    wide = 420.0 if per_row == 1 else 760.0
-    svg = chart("nyquist", "Nyquist diagram", rows, about, width=wide, height=300.0 if per_row < 3 else 210.0)
-    return Picture(svg, about, table_of(columns))
+    width, height = 420.0 if per_row == 1 else 760.0, 300.0 if per_row < 3 else 210.0
+    return Chart(in_rows(subplots, per_row), about, table_of(columns), width, height)
+
+
+def nyquist_curves(response: ComplexArray, at: Frequencies, name: str) -> list[Curve]:
+    """Return the locus of a response, NaN where it is not drawn, at negative and at positive frequencies."""
+    locus, along = rounded_locus(response, at.shown)
+    return [
+        Curve(locus.real, -locus.imag, "", "s1 fine dashed", name="negative frequencies"),
+        Curve(locus.real, locus.imag, "", "s1", name=name, along=along),
+    ]
 
 
 def rounded_locus(values: ComplexArray, at: Array) -> tuple[ComplexArray, Array]:
@@ -264,7 +252,7 @@ def time_responses(result: Result) -> Iterator[Figure]:
             yield Figure("time-response", "Time response", partial(_time_response, result, group))
 
 
-def _time_response(result: Result, group: str) -> Picture:
+def _time_response(result: Result, group: str) -> Chart:
     time = result[f"{group}/time"].data
     outputs = _columns(result, group, "response", "output", "unit")
     sources = _columns(result, group, "input", "source", "input_unit") if f"{group}/input" in result else {}
@@ -285,20 +273,13 @@ def _time_response(result: Result, group: str) -> Picture:
     way = "" if moving else "Free response to the initial state. "
     left = f" The first {OUTPUTS} of {len(outputs)} responses." if len(outputs) > OUTPUTS else ""
     about = f"{way}{'; '.join(ranges)}, over {short(float(time[-1] - time[0]))} s.{left}"
-    rows = [
-        [
-            Subplot(
-                PlotAxis("time (s)"),
-                PlotAxis(name),
-                [curve, *([Curve(time, laws[name], "nonlinear", series_class(1))] if name in laws else [])],
-                height=tall,
-            )
-        ]
-        for name, curve, tall in curves
-    ]
+    subplots = []
+    for name, curve, tall in curves:
+        beside = [Curve(time, laws[name], "nonlinear", series_class(1))] if name in laws else []
+        subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(name), [curve, *beside], height=tall))
     also = {f"nonlinear {name}": values for name, values in laws.items()}
-    svg = chart("time-response", "Time response", rows, about, shared=True)
-    return Picture(svg, about, table_of({"time (s)": time, **dict(shown), **also, **moving}))
+    table = table_of({"time (s)": time, **dict(shown), **also, **moving})
+    return Chart(in_rows(subplots, 1), about, table, shared=True)
 
 
 def _range(data: Array) -> str:
@@ -334,14 +315,11 @@ def identified_responses(result: Result) -> Iterator[Figure]:
     groups = [path.removesuffix(end) for path in result if path.startswith(beginning) and path.endswith(end)]
     for group in groups[: _DERIVED if is_requested(result) else 0]:
         pair = group.removeprefix(beginning)
-        yield Figure(
-            f"identified-response-{pair.replace('/', '-')}",
-            f"Identified response {pair}",
-            partial(_identified, result, group, pair),
-        )
+        name, title = f"identified-response-{pair.replace('/', '-')}", f"Identified response {pair}"
+        yield Figure(name, title, partial(_identified, result, group, pair))
 
 
-def _identified(result: Result, group: str, pair: str) -> Picture:
+def _identified(result: Result, group: str, pair: str) -> Chart:
     at = frequencies(result, f"{group}/magnitude/omega")
     columns, rows = dict(at.columns), []
     for name, factor in (("magnitude", 1.0), ("phase", 180 / np.pi)):
@@ -359,14 +337,7 @@ def _identified(result: Result, group: str, pair: str) -> Picture:
             for word, bound in (("", value), (", low", low), (", high", high))
         }
     about = f"Frequency response {pair} of the identified model, with its 95 % band."
-    svg = chart(
-        f"identified-response-{pair.replace('/', '-')}",
-        f"Identified response {pair}",
-        rows,
-        about,
-        shared=True,
-    )
-    return Picture(svg, about, table_of(columns))
+    return Chart(rows, about, table_of(columns), shared=True)
 
 
 def designed_responses(result: Result) -> Iterator[Figure]:
@@ -375,12 +346,11 @@ def designed_responses(result: Result) -> Iterator[Figure]:
     if f"{group}/designed" not in result:
         return
     for index, name in enumerate(result[f"{group}/channel"].data[:_DERIVED]):
-        title = f"Design of {name}"
         suffix = f"-{index + 1}" if index else ""
-        yield Figure(f"design{suffix}", title, partial(_designed, result, index, f"design{suffix}", title))
+        yield Figure(f"design{suffix}", f"Design of {name}", partial(_designed, result, index))
 
 
-def _designed(result: Result, target: int, name: str, title: str) -> Picture:
+def _designed(result: Result, target: int) -> Chart:
     group = f"{DESIGN}/frequency_response"
     at, unit = frequencies(result, f"{group}/omega"), str(result[f"{group}/unit"].data[target])
     columns, rows = dict(at.columns), []
@@ -400,4 +370,4 @@ def _designed(result: Result, target: int, name: str, title: str) -> Picture:
         f"Frequency response of {result[f'{group}/channel'].data[target]} at the start of the design and as "
         f"designed; over these frequencies at most {size[0]:.4g}{of} and {size[1]:.4g}{of}."
     )
-    return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))
+    return Chart(rows, about, table_of(columns), shared=True)

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.arrays import Array
 from dynid.number_format import general
 from dynid.report.diagrams.study_samples import StudyNumbers
-from dynid.report.figure import CellValue, Figure, FigureTable, Picture
+from dynid.report.figure import CellValue, Figure, FigureTable
 from dynid.report.notation import labelled, short
-from dynid.report.plot import Bars, Curve, Layer, PlotAxis, Subplot, chart, series_class
+from dynid.report.plot import Bars, Chart, Curve, Layer, PlotAxis, Subplot, in_rows, series_class
+from dynid.result import Result
 from dynid.study.analysis.design import tornado
 from dynid.study.analysis.influence import Influences
-
-if TYPE_CHECKING:
-    from dynid.result import Result
 
 _PANELS, _BARS = 8, 12
 
@@ -28,22 +25,18 @@ def figures(result: Result) -> Iterator[Figure]:
     numbers = StudyNumbers(result)
     if sum(number.path in numbers.table.varied for number in numbers.inputs) < 2 or not numbers.outputs:
         return
-    for name, title, draw in (
-        ("tornado", "Tornado: influence of each input", _tornadoes),
-        ("sobol", "Sobol indices: sources of the variance", _indices),
-    ):
-        yield Figure(name, title, partial(draw, numbers, name, title))
+    yield Figure("tornado", "Tornado: influence of each input", partial(_tornadoes, numbers))
+    yield Figure("sobol", "Sobol indices: sources of the variance", partial(_indices, numbers))
 
 
-def _in_pairs(name: str, title: str, about: str, subplots: Sequence[Subplot], otherwise: str) -> str:
-    """Draw subplots two to a row, or an empty one with the reason where there are none."""
+def _in_pairs(subplots: Sequence[Subplot], about: str, table: FigureTable, otherwise: str) -> Chart:
+    """Return subplots two to a row, or an empty one with the reason where there are none."""
     empty = PlotAxis("", low=0, high=1)
     shown = subplots or [Subplot(empty, empty, [], otherwise)]
-    rows = [shown[k : k + 2] for k in range(0, len(shown), 2)]
-    return chart(name, title, rows, about, width=900.0 if len(shown) > 1 else 560.0)
+    return Chart(in_rows(shown), about, table, 900.0 if len(shown) > 1 else 560.0)
 
 
-def _tornadoes(numbers: StudyNumbers, name: str, title: str) -> Picture:
+def _tornadoes(numbers: StudyNumbers) -> Chart:
     names = {number.path: number.name for number in numbers.inputs}
     subplots, rows, left, reasons = list[Subplot](), list[tuple[CellValue, ...]](), 0, dict[str, str]()
     fitted = False
@@ -89,13 +82,12 @@ def _tornadoes(numbers: StudyNumbers, name: str, title: str) -> Picture:
     for reason in dict.fromkeys(reasons.values()):
         inputs = ", ".join(input_name for input_name in reasons if reasons[input_name] == reason)
         about += f" No bars for {inputs}: {reason}."
-    about = about.strip()
-    svg = _in_pairs(name, title, about, subplots, "no result depends on an input")
     columns = ("number", "input", "low", "high", "at low", "at high", "slope", "R²")
-    return Picture(svg, about, FigureTable(columns, tuple(rows)))
+    table = FigureTable(columns, tuple(rows))
+    return _in_pairs(subplots, about.strip(), table, "no result depends on an input")
 
 
-def _indices(numbers: StudyNumbers, name: str, title: str) -> Picture:
+def _indices(numbers: StudyNumbers) -> Chart:
     influences = Influences(numbers.table)
     short_names = {number.path: number.name for number in numbers.inputs}
     names = [
@@ -146,7 +138,6 @@ def _indices(numbers: StudyNumbers, name: str, title: str) -> Picture:
     totals = " (blue) and with interactions (orange)" if with_total else ""
     about = f"Part of the variance that each input explains alone{totals}; {estimator or 'too few samples'}."
     about += " Negative estimates are drawn as 0; the table has them." if negative else ""
-    svg = _in_pairs(name, title, about, subplots, "too few samples")
     columns = (
         "number",
         "input",
@@ -155,7 +146,7 @@ def _indices(numbers: StudyNumbers, name: str, title: str) -> Picture:
         "total order",
         "standard error of the total",
     )
-    return Picture(svg, about, FigureTable(columns, tuple(rows)))
+    return _in_pairs(subplots, about, FigureTable(columns, tuple(rows)), "too few samples")
 
 
 def _whiskers(height: Array, low: Array, high: Array) -> Curve:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import cached_property, partial
 from itertools import islice
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_
 from dynid.report.notation import labelled, short
 from dynid.report.plot import (
     Bars,
+    Chart,
     Curve,
     Heatmap,
     Layer,
@@ -27,17 +28,15 @@ from dynid.report.plot import (
     PlotAxis,
     ReferenceLine,
     Subplot,
-    chart,
+    in_rows,
     parallel_coordinates,
 )
+from dynid.result import Result
 from dynid.study.analysis.design import is_logarithmic
 from dynid.study.analysis.influence import correlations, scatter
 from dynid.study.analysis.sample_statistics import NAMES, statistics
 from dynid.study.analysis.table import StudyTable
 from dynid.suggestions import short_paths
-
-if TYPE_CHECKING:
-    from dynid.result import Result
 
 #: Most entries of an array that are shown one by one, greatest size of an array with entries shown, and most
 #: numbers in all.
@@ -146,8 +145,7 @@ def figures(result: Result) -> Iterator[Figure]:
     inputs, outputs = numbers.inputs, numbers.outputs
     if not outputs:
         return
-    title = "Distributions of the results"
-    yield Figure("distributions", title, partial(_distributions, outputs, title))
+    yield Figure("distributions", "Distributions of the results", partial(_distributions, outputs))
     if inputs:
         yield Figure("parallel", "Samples as lines", partial(_parallel, inputs, outputs))
         yield Figure("scatter", "Scatter matrix", partial(_scatter, inputs, outputs))
@@ -207,7 +205,7 @@ def _parallel(inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable])
     return Picture(svg, about, table)
 
 
-def _scatter(inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable]) -> Picture:
+def _scatter(inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable]) -> Chart:
     numbers, cut = _columns_of(inputs, outputs, _MATRIX)
     size = max(105.0, 640.0 / len(numbers))
     ranks = np.eye(len(numbers))
@@ -252,11 +250,11 @@ def _scatter(inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable]) 
         f"Pairwise scatter plots, with the rank correlations above the diagonal; {count:,} samples."
         f"{cut}{binned}"
     )
-    svg = chart("scatter", "Scatter matrix", rows, about, width=max(760.0, 160.0 * len(numbers)))
-    table: tuple[tuple[CellValue, ...], ...] = tuple(
+    cells_of_table: list[tuple[CellValue, ...]] = [
         (number.label, *map(float, ranks[k])) for k, number in enumerate(numbers)
-    )
-    return Picture(svg, about, FigureTable(("rank correlation", *(n.label for n in numbers)), table))
+    ]
+    table = FigureTable(("rank correlation", *(n.label for n in numbers)), tuple(cells_of_table))
+    return Chart(rows, about, table, max(760.0, 160.0 * len(numbers)))
 
 
 def _counts(number: StudyVariable) -> Bars:
@@ -281,7 +279,7 @@ def _histogram(values: Array, max_bins: int, log: bool = False) -> tuple[NDArray
     return np.histogram(values, bins=int(np.clip(np.sqrt(len(values)), 5, max_bins)), range=(low, high))
 
 
-def _distributions(outputs: Sequence[StudyVariable], title: str) -> Picture:
+def _distributions(outputs: Sequence[StudyVariable]) -> Chart:
     subplots = []
     for number in outputs[:_HISTOGRAMS]:
         values = number.values[np.isfinite(number.values)]
@@ -301,20 +299,19 @@ def _distributions(outputs: Sequence[StudyVariable], title: str) -> Picture:
     if len(subplots) < len(outputs):
         left = f" {len(subplots)} of {len(outputs)} numbers; the table has all."
     about = f"Histograms with median and 5 % and 95 % quantiles.{left}"
-    grid = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
-    svg = chart("distributions", title, grid, about, width=760.0 if len(subplots) > 1 else 480.0)
     rows: list[tuple[CellValue, ...]] = []
     for number in outputs:
         moments = statistics(number.values)
         rows.append((number.label, *(moments[name].item() for name in NAMES)))
-    return Picture(svg, about, FigureTable(("number", *NAMES), tuple(rows)))
+    width = 760.0 if len(subplots) > 1 else 480.0
+    return Chart(in_rows(subplots), about, FigureTable(("number", *NAMES), tuple(rows)), width)
 
 
 def _maps(
     inputs: Sequence[StudyVariable],
     outputs: Sequence[StudyVariable],
     grid: tuple[np.ndarray, np.ndarray],
-) -> Picture:
+) -> Chart:
     x, y = grid
     columns, rows = np.searchsorted(x, inputs[0].values), np.searchsorted(y, inputs[1].values)
     across, up = (PlotAxis(number.label, log=number.log) for number in inputs)
@@ -345,9 +342,8 @@ def _maps(
     wide = 1 if len(subplots) == 1 else 2
     cut = f" {len(subplots)} of {len(outputs)} numbers." if len(subplots) < len(outputs) else ""
     about = f"Opaque cells have large values; the range is above each map.{cut}"
-    grid_of = [subplots[k : k + wide] for k in range(0, len(subplots), wide)]
-    svg = chart("map", "Results over two parameters", grid_of, about, width=560.0 if wide == 1 else 1000.0)
-    return Picture(svg, about, table_of({n.label: n.values for n in [*inputs, *outputs[:_MAPS]]}))
+    table = table_of({number.label: number.values for number in [*inputs, *outputs[:_MAPS]]})
+    return Chart(in_rows(subplots, wide), about, table, 560.0 if wide == 1 else 1000.0)
 
 
 def _edges(values: np.ndarray, log: bool) -> np.ndarray:
@@ -358,7 +354,7 @@ def _edges(values: np.ndarray, log: bool) -> np.ndarray:
     return np.exp(edges) if log else edges
 
 
-def _course(parameter: StudyVariable, outputs: Sequence[StudyVariable]) -> Picture:
+def _course(parameter: StudyVariable, outputs: Sequence[StudyVariable]) -> Chart:
     order = np.argsort(parameter.values, kind="stable")
     x = parameter.values[order]
     levels = np.unique(x)
@@ -374,6 +370,4 @@ def _course(parameter: StudyVariable, outputs: Sequence[StudyVariable]) -> Pictu
         across, up = parameter.axis(parameter.label), PlotAxis(number.label, log=wide)
         subplots.append(Subplot(across, up, layers, height=150.0))
     about = f"Results over {parameter.path}, the only input that varies."
-    grid = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
-    svg = chart("course", f"Results over {parameter.name}", grid, about, width=760.0, shared=True)
-    return Picture(svg, about, table_of(columns))
+    return Chart(in_rows(subplots), about, table_of(columns), shared=True)

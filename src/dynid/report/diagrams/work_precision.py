@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.report.figure import CellValue, Figure, FigureTable, Picture
+from dynid.report.figure import CellValue, Figure, FigureTable
 from dynid.report.notation import short, with_infinity
-from dynid.report.plot import Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
-
-if TYPE_CHECKING:
-    from dynid.result import Result, Variable
+from dynid.report.plot import Chart, Curve, Layer, Markers, PlotAxis, Subplot, series_class
+from dynid.result import Result, Variable
 
 #: Least error that is drawn: zero has no place on a logarithmic axis.
 _LEAST = 1e-17
@@ -28,7 +25,7 @@ _MARKED = (
     ("chosen", "chosen", "kite", 11, "line"),
 )
 
-Alternatives = Mapping[str, Mapping[str, "Variable"]]
+Alternatives = Mapping[str, Mapping[str, Variable]]
 
 
 def figures(result: Result) -> Iterator[Figure]:
@@ -49,18 +46,14 @@ def figures(result: Result) -> Iterator[Figure]:
         }
         name, title = group.replace("/", "-"), group.partition("/")[2]
         if any("error" in columns for columns in alternatives.values()):
-            draw = partial(
-                _over_error, result, group, f"{name}-precision", f"{title}: time against error", alternatives
-            )
+            draw = partial(_over_error, result, group, alternatives)
             yield Figure(f"{name}-precision", f"{title}: time against error", draw)
         if any(len(set(columns["size"].data.tolist())) > 1 for columns in alternatives.values()):
-            draw = partial(
-                _over_size, result, group, f"{name}-growth", f"{title}: time over size", alternatives
-            )
+            draw = partial(_over_size, result, group, alternatives)
             yield Figure(f"{name}-growth", f"{title}: time over size", draw)
 
 
-def _over_error(result: Result, group: str, name: str, title: str, alternatives: Alternatives) -> Picture:
+def _over_error(result: Result, group: str, alternatives: Alternatives) -> Chart:
     layers: list[Layer] = []
     marked: dict[str, list[tuple[float, float]]] = {}
     absent = []
@@ -93,10 +86,10 @@ def _over_error(result: Result, group: str, name: str, title: str, alternatives:
     about = f"{measure[:1].upper()}{measure[1:]}" if measure.startswith("error") else f"Error: {measure}"
     about += ". Errors of zero are drawn at 10⁻¹⁷"
     about += f"; infinite ones of {', '.join(absent)} are only in the table." if absent else "."
-    return _picture(result, group, name, title, alternatives, PlotAxis("error", log=True), layers, about)
+    return _chart(result, group, alternatives, PlotAxis("error", log=True), layers, about)
 
 
-def _over_size(result: Result, group: str, name: str, title: str, alternatives: Alternatives) -> Picture:
+def _over_size(result: Result, group: str, alternatives: Alternatives) -> Chart:
     layers: list[Layer] = []
     for index, (own, columns) in enumerate(alternatives.items()):
         size, time = columns["size"].data, columns["time"].data
@@ -108,19 +101,17 @@ def _over_size(result: Result, group: str, name: str, title: str, alternatives: 
         ]
     across = PlotAxis(str(result.group_attrs.get(group, {}).get("size", "size")), log=True)
     about = "The legend has the power of the size with which time grows."
-    return _picture(result, group, name, title, alternatives, across, layers, about)
+    return _chart(result, group, alternatives, across, layers, about)
 
 
-def _picture(
+def _chart(
     result: Result,
     group: str,
-    name: str,
-    title: str,
     alternatives: Alternatives,
     across: PlotAxis,
     layers: list[Layer],
     remark: str,
-) -> Picture:
+) -> Chart:
     """Return time over a quantity, with all measurements as a table."""
     attrs = result.group_attrs.get(group, {})
     about = f"{attrs.get('title', group)}."
@@ -135,4 +126,4 @@ def _picture(
         rows += [(label, *row) for row in zip(*data, strict=True)]
     size, measure = str(attrs.get("size", "size")), str(attrs.get("measure", "error"))
     heads = ("alternative", size, "time (s)", "memory (B)", measure, "Pareto-optimal")
-    return Picture(chart(name, title, [[plot]], about), about, FigureTable(heads, tuple(rows)))
+    return Chart([[plot]], about, FigureTable(heads, tuple(rows)))

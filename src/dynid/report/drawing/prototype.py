@@ -11,17 +11,14 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 from dynid.report.drawing.render import Panel, draw_panels
 from dynid.report.drawing.sketch import Sketch, SketchBond, SketchNode, TextLine
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
 from dynid.report.notation import approximation, draw_formula, labelled, raised, short, typeset
-from dynid.report.plot import Curve, Markers, PlotAxis, Subplot, chart
+from dynid.report.plot import Chart, Curve, Markers, PlotAxis, Subplot
 from dynid.report.svg import Point, Svg
-
-if TYPE_CHECKING:
-    from dynid.result import Result
+from dynid.result import Result
 
 PORT = "bond_graph/port"
 _PERFORMANCE = f"{PORT}/performance"
@@ -329,7 +326,7 @@ def performance(result: Result) -> Iterator[Figure]:
         yield Figure("performance", "Performance characteristic of the port", partial(_performance, result))
 
 
-def _performance(result: Result) -> Picture:
+def _performance(result: Result) -> Chart:
     data = {
         name: result[f"{_PERFORMANCE}/{name}"].data
         for name in ("source_flow", "source_effort", "load_flow", "load_effort")
@@ -359,12 +356,5 @@ def _performance(result: Result) -> Picture:
         "Effort over flow of source and load in the steady state (s → 0); "
         "the lines meet at the operating point."
     )
-    svg = chart(
-        "performance",
-        "Performance characteristic of the port",
-        [subplots[:3]],
-        about,
-        height=300.0,
-        width=480.0 if len(subplots) == 1 else 760.0,
-    )
-    return Picture(svg, about, FigureTable(("input", "what", *axes), tuple(rows)))
+    table, width = FigureTable(("input", "what", *axes), tuple(rows)), 480.0 if len(subplots) == 1 else 760.0
+    return Chart([subplots[:3]], about, table, width, 300.0)

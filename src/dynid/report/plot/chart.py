@@ -6,16 +6,16 @@ A subplot has two axes and the layers between them.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from dynid.report.figure import FigureTable, Picture
 from dynid.report.notation import raised
-from dynid.report.plot.axis import PlotAxis, Scale
-from dynid.report.plot.labels import fitted, fitted_label, fitted_title, in_parts, with_power
+from dynid.report.plot.axis import PlotAxis, Scale, Ticks
 from dynid.report.plot.layers import Layer, LegendEntry, PlotArea, symbol_class, symbol_path
 from dynid.report.svg import BOLD_WIDTH, SIZE, SMALL, TITLE, Svg, text_width
 
@@ -26,11 +26,10 @@ _BESIDE, _OVER = 24.0, 6.0
 #: Width of a figure and height of a plot area, px.
 WIDTH, HEIGHT = 760.0, 250.0
 _PAD, _BETWEEN, _KEY, _ROW, _TITLE_LINE = 12.0, 16.0, 26.0, 20.0, 15.0
+#: Symbols that replace names of axes where space is short.
+_SYMBOLS = {"real part": "Re", "imaginary part": "Im"}
 #: Width of a chart on a page; least width and mean height of a subplot there, and of a square one, px.
 NARROW, _LEAST, _LOWEST, _SQUARE = 420.0, 190.0, 64.0, 120.0
-
-#: Where charts are collected instead of drawn as SVG; None: they are drawn.
-declared: ContextVar[list[Sequence[Sequence[Subplot]]] | None] = ContextVar("declared", default=None)
 
 
 @dataclass
@@ -106,10 +105,10 @@ class Subplot:
         A label that is longer than its axis is above, but for its units.
         """
         ticks = self.y.ticks(self.scales[1], height, upright=True)
-        heading = with_power(self.y.label, ticks)
+        heading = _with_power(self.y.label, ticks)
         if self.title or text_width(heading, SMALL) <= height + _OVER:
             return self.title, heading
-        name, units = in_parts(self.y.label)
+        name, units = _in_parts(self.y.label)
         return name, " ".join(filter(None, (f"10{raised(ticks.power)}" if ticks.power else "", units)))
 
     def area(self, left: float, top: float, width: float, height: float) -> PlotArea:
@@ -165,7 +164,7 @@ class Subplot:
         for y, text in zip(np.round(area.at_y(up.values), 1), up.labels, strict=True):
             svg.text(area.left - GAP, float(y) + 0.35 * SMALL, text, "small tick", anchor="end")
         title, heading = self.headings(area.height)
-        below = with_power(self.x.label, across)
+        below = _with_power(self.x.label, across)
         if below and labelled:
             text, cls = fitted_label(below, area.width + _BESIDE)
             svg.text(area.left + area.width / 2, bottom + BELOW + SMALL + 5, text, cls)
@@ -186,9 +185,9 @@ def _draw_title(svg: Svg, area: PlotArea, title: str) -> None:
     x, space = area.left + area.width / 2, area.width + _BETWEEN
     first, *others = title.splitlines() or [""]
     for line, line_text in enumerate(reversed(others)):
-        svg.text(x, area.top - 7 - line * _TITLE_LINE, fitted(line_text, space / BOLD_WIDTH), "small")
+        svg.text(x, area.top - 7 - line * _TITLE_LINE, _fitted(line_text, space / BOLD_WIDTH), "small")
     if first:
-        text, cls = fitted_title(first, space)
+        text, cls = _fitted_title(first, space)
         svg.text(x, area.top - 7 - len(others) * _TITLE_LINE, text, cls)
 
 
@@ -200,23 +199,17 @@ class _ColumnPlace(NamedTuple):
     margin: float
 
 
-def chart(
-    name: str,
-    title: str,
-    rows: Sequence[Sequence[Subplot]],
-    description: str = "",
-    *,
-    width: float = WIDTH,
-    height: float = HEIGHT,
-    shared: bool = False,
-    legend: Iterable[LegendEntry] | None = None,
-) -> str:
-    """Draw subplots.
+def in_rows(subplots: Sequence[Subplot], beside: int = 2) -> list[Sequence[Subplot]]:
+    """Return subplots in rows, so many beside each other."""
+    return [subplots[start : start + beside] for start in range(0, len(subplots), beside)]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A figure of subplots under one legend, with its caption and its table.
 
     Parameters
     ----------
-    name, title, description
-        The figure's name, its title, and a description for screen readers.
     rows
         The subplots, row by row, aligned in columns.
     width, height
@@ -224,36 +217,39 @@ def chart(
     shared
         True if the subplots of a column share one x axis, whose ticks are labelled at the lowest only.
     legend
-        The legend; absent: the entries of the layers.
-
-    Returns
-    -------
-    str
-        An SVG document.
+        The legend; default: the entries of the layers.
     """
-    if (elsewhere := declared.get()) is not None:
-        elsewhere.append(rows)
-        return ""
-    if legend is None:
-        legend = (entry for row in rows for plot in row for layer in plot.layers for entry in layer.legend())
-    entries, groups = list(dict.fromkeys(legend)), [rows]
-    if (page := embedded.get()) is None:
-        svg, y = Svg(name, title, description), _PAD + TITLE
-        svg.text(
-            _PAD, y, fitted(title, (width - 2 * _PAD) * SIZE / TITLE / BOLD_WIDTH), "title", anchor="start"
-        )
-    else:
-        groups, width = _narrowed(rows, width, shared)
-        before, y = page.omitted, -4.0
-        lines = _draw_legend(Svg("", ""), entries, y + 8, width)
-        groups = _fitting(
-            groups, page, min(1.0, width / NARROW) * page.tallest - lines - _PAD, height, shared
-        )
-        svg = Svg(f"{name}-first" if page.omitted > before else name, title, description)
-    y = _draw_legend(svg, entries, y + 8, width)
-    for group in groups:
-        y = _draw_rows(svg, group, y, width, height, shared)
-    return svg.render(width, y + _PAD)
+
+    rows: Sequence[Sequence[Subplot]]
+    caption: str = ""
+    table: FigureTable | None = None
+    width: float = WIDTH
+    height: float = HEIGHT
+    shared: bool = False
+    legend: Sequence[LegendEntry] | None = None
+
+    def picture(self, name: str, title: str) -> Picture:
+        """Draw it under a title, of which a page has its own, in the space that a page has for it."""
+        width, height, shared, entries = self.width, self.height, self.shared, self.legend
+        if entries is None:
+            layers = (layer for row in self.rows for plot in row for layer in plot.layers)
+            entries = [entry for layer in layers for entry in layer.legend()]
+        entries, groups = list(dict.fromkeys(entries)), [self.rows]
+        if (page := embedded.get()) is None:
+            svg, y = Svg(name, title, self.caption), _PAD + TITLE
+            space = (width - 2 * _PAD) * SIZE / TITLE / BOLD_WIDTH
+            svg.text(_PAD, y, _fitted(title, space), "title", anchor="start")
+        else:
+            groups, width = _narrowed(self.rows, width, shared)
+            before, y = page.omitted, -4.0
+            lines = _draw_legend(Svg("", ""), entries, y + 8, width)
+            space = min(1.0, width / NARROW) * page.tallest - lines - _PAD
+            groups = _fitting(groups, page, space, height, shared)
+            svg = Svg(f"{name}-first" if page.omitted > before else name, title, self.caption)
+        y = _draw_legend(svg, entries, y + 8, width)
+        for group in groups:
+            y = _draw_rows(svg, group, y, width, height, shared)
+        return Picture(svg.render(width, y + _PAD), self.caption, self.table)
 
 
 def _fitting(
@@ -359,7 +355,7 @@ def _draw_legend(svg: Svg, entries: Sequence[LegendEntry], y: float, width: floa
     x, y = _PAD, y + _ROW - 2
     svg.open("legend")
     for entry in entries:
-        label = fitted(entry.label, width - 2 * _PAD - _KEY)
+        label = _fitted(entry.label, width - 2 * _PAD - _KEY)
         needed = _KEY + text_width(label) + 18
         if x > _PAD and x + needed > width:
             x, y = _PAD, y + _ROW
@@ -374,3 +370,60 @@ def _draw_legend(svg: Svg, entries: Sequence[LegendEntry], y: float, width: floa
         x += needed
     svg.close()
     return y + 4
+
+
+def _with_power(label: str, ticks: Ticks) -> str:
+    """Return the label of an axis with the power of ten of its ticks before the units.
+
+    An axis without a label belongs to a grid of subplots, whose edge has both.
+    """
+    if not (ticks.power and label):
+        return label
+    power = f"10{raised(ticks.power)}"
+    name, units = _in_parts(label)
+    return f"{name} ({power} {units})" if units else f"{label} ({power})"
+
+
+def _in_parts(label: str) -> tuple[str, str]:
+    """Return the name and the units of a label: `time (s)`."""
+    name, bracket, units = label.rpartition(" (")
+    return (name, units.removesuffix(")")) if bracket and units.endswith(")") else (label, "")
+
+
+def fitted_label(text: str, space: float) -> tuple[str, str]:
+    """Return the label of an axis and its classes: small, then with a shorter name, where space is short.
+
+    The shorter name is the symbol, if there is one. Other names mostly differ at their ends, so that they
+    lose their middle. Units stay whole.
+    """
+    if text_width(text, SIZE) <= space:
+        return text, "label"
+    name, units = _in_parts(text)
+    if name in _SYMBOLS and text_width(text, SMALL) > space:
+        return fitted_label(f"{_SYMBOLS[name]} ({units})" if units else _SYMBOLS[name], space)
+    return _shortened(name, f" ({units})" if units else "", space), "label small"
+
+
+def _fitted_title(text: str, space: float) -> tuple[str, str]:
+    """Return the title of a plot and its classes: small, then without its middle, where space is short."""
+    if text_width(text, SIZE, bold=True) <= space:
+        return text, "strong"
+    return _shortened(text, "", space / BOLD_WIDTH), "small strong"
+
+
+def _shortened(name: str, end: str, space: float) -> str:
+    """Return a small name with what follows it, without its middle where it is wider than a space, px."""
+    kept, shown = len(name), f"{name}{end}"
+    while kept > 2 and text_width(shown, SMALL) > space:
+        kept -= 1
+        shown = f"{name[: kept // 3]}…{name[len(name) - (kept - kept // 3) :]}{end}"
+    return shown
+
+
+def _fitted(text: str, space: float) -> str:
+    """Return a text, cut off with an ellipsis where it is wider than its space, px."""
+    if text_width(text, SIZE) <= space:
+        return text
+    while len(text) > 1 and text_width(f"{text}…", SIZE) > space:
+        text = text[:-1]
+    return f"{text}…"

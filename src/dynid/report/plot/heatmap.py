@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.report.figure import CellValue, FigureTable, Picture
+from dynid.report.figure import CellValue, FigureTable
 from dynid.report.notation import short
 from dynid.report.plot.axis import PlotAxis
-from dynid.report.plot.chart import Subplot, chart
+from dynid.report.plot.chart import Chart, Subplot, in_rows
 from dynid.report.plot.layers import Extent, LegendEntry, PlotArea
 from dynid.report.svg import SMALL, Svg, plain, text_width
 
@@ -110,27 +110,16 @@ class Heatmap:
             svg.element("path", cls, d="".join(cells), fill_opacity=f"{opacity:.3f}")
 
 
-def matrix_picture(
-    name: str, title: str, matrices: Sequence[Matrix], ends: tuple[float, float], about: str
-) -> Picture:
-    """Draw matrices side by side.
-
-    Parameters
-    ----------
-    name, title, about
-        The figure's name, title and caption.
-    matrices
-        The matrices.
-    ends
-        The least and the largest possible value.
-    """
+def matrix_chart(matrices: Sequence[Matrix], ends: tuple[float, float], about: str) -> Chart:
+    """Return matrices side by side, with their caption; `ends` are the least and the largest value."""
+    several = len(matrices) > 1
     rows: list[tuple[CellValue, ...]] = []
     subplots = []
     for heading, values, names, others, (row_label, column_label) in matrices:
         # Axes go up, the first row is at the top.
         shown, down, across = values[:MOST, :MOST][::-1], names[:MOST][::-1], others[:MOST]
         rows += [
-            (*((heading,) if len(matrices) > 1 else ()), a, b, float(values[i, j]))
+            (*((heading,) if several else ()), a, b, float(values[i, j]))
             for i, a in enumerate(names[:MOST])
             for j, b in enumerate(across)
         ]
@@ -140,21 +129,14 @@ def matrix_picture(
             [f"{a}, {b}: {short(float(value))}" for b, value in zip(across, row, strict=True)]
             for a, row in zip(down, shown, strict=True)
         ]
-        subplots.append(
-            Subplot(
-                PlotAxis(column_label, names=tuple(across)),
-                PlotAxis(row_label, names=tuple(down)),
-                [Heatmap(shown, *ends, texts, tips)],
-                heading,
-                height=float(np.clip(26 * len(down), 60, 640)),
-            )
-        )
-    grid = [subplots[start : start + _ROW] for start in range(0, len(subplots), _ROW)]
+        x, y = PlotAxis(column_label, names=tuple(across)), PlotAxis(row_label, names=tuple(down))
+        height = float(np.clip(26 * len(down), 60, 640))
+        subplots.append(Subplot(x, y, [Heatmap(shown, *ends, texts, tips)], heading, height=height))
     widest = max(text_width(str(text), SMALL) + 14 for m in matrices for text in m[3][:MOST])
     full_width = max(len(m[3][:MOST]) for m in matrices) * max(44.0, min(widest, 110.0)) + 160
     width = float(np.clip(full_width * min(len(subplots), _ROW), 340, 900))
-    svg = chart(name, title, grid, about, width=width)
-    head = (("matrix",) if len(matrices) > 1 else ()) + ("row", "column", "value")
+    head = (("matrix",) if several else ()) + ("row", "column", "value")
     cut = any(max(m[1].shape) > MOST for m in matrices)
     note = f"The first {MOST} rows and columns." if cut else ""
-    return Picture(svg, f"{about} {note}".strip(), FigureTable(head, tuple(rows[:2000]), note))
+    table = FigureTable(head, tuple(rows[:2000]), note)
+    return Chart(in_rows(subplots, _ROW), f"{about} {note}".strip(), table, width)
