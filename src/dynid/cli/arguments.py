@@ -29,23 +29,9 @@ def among(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.
 
 
 def refuse_unknown(name: str, names: Collection[str], what: str, remedy: str = "") -> None:
-    """Refuse a name that is not known, and suggest the nearest one.
+    """Refuse a name that is not among the known ones, and suggest the nearest one.
 
-    Parameters
-    ----------
-    name
-        The name given.
-    names
-        The names that exist.
-    what
-        The kind of name, such as ``topic``.
-    remedy
-        The remedy in the message; by default a list of the names.
-
-    Raises
-    ------
-    UsageError
-        If the name is not among the known ones.
+    `what` is the kind of name, such as ``topic``; the remedy is by default a list of the names.
     """
     if name not in names:
         from dynid.suggestions import did_you_mean
@@ -59,12 +45,8 @@ def refuse_unknown(name: str, names: Collection[str], what: str, remedy: str = "
 def reads_results(*parameters: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """Report a result file that a command cannot interpret as an error of that file, in one sentence.
 
-    Result files may have been changed by other programs; what they lack is no fault of dynid.
-
-    Parameters
-    ----------
-    *parameters
-        The command's arguments that name result files.
+    Result files, which these arguments of the command name, may have been changed by other programs; what
+    they lack is no fault of dynid.
     """
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:
@@ -97,13 +79,7 @@ def reads_results(*parameters: str) -> Callable[[Callable[..., int]], Callable[.
 
 
 def writes_junit(parameter: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Write the error that ends a command into its JUnit file, in which an earlier run may have been well.
-
-    Parameters
-    ----------
-    parameter
-        The command's argument that names the scene.
-    """
+    """Write the error that ends a command on a scene into its JUnit file, where an earlier run may be well."""
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:
         @functools.wraps(command)

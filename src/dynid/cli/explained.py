@@ -32,18 +32,9 @@ Send = Callable[[dict[str, Any]], object]
 class Explained:
     """The explanation of a scene, as far as it came.
 
-    Parameters
-    ----------
-    lines
-        The screen without the cost.
-    failure
-        Lines that say how a run will fail.
-    code
-        The exit code of a run, as far as it is known.
-    cost
-        The cost by a trial run; None where a run fails, or was cut off without a forecast.
-    cut_off
-        What was in progress where the explanation was cut off; None where it is complete.
+    `lines` are the screen without the cost, `failure` those that say how a run will fail, `code` its exit
+    code, if known. There is no cost where a run fails, or was cut off without a forecast; `cut_off` is what
+    was in progress then.
     """
 
     lines: list[str] = field(default_factory=list)
@@ -56,17 +47,7 @@ class Explained:
 def explained(scene: Scene, overrides: tuple[str, ...]) -> Explained:
     """Return the explanation of a valid scene, made in a separate process of limited processor time.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    overrides
-        The values that were set in it.
-
-    Raises
-    ------
-    DynidError
-        Where a file of the scene cannot be read.
+    Raises `DynidError` where a file of the scene cannot be read.
     """
     from dynid.cli.text import columns
     from dynid.scene.explanations.explanation import LIMIT

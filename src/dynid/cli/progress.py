@@ -38,15 +38,7 @@ _SECONDS, _WINDOW = 10.0, 60.0
 def showing(quiet: bool = False) -> Iterator[Listener]:
     """Show the progress of the work inside the context, if standard error is a terminal.
 
-    Parameters
-    ----------
-    quiet
-        Show nothing.
-
-    Yields
-    ------
-    Listener
-        For functions that take a listener; others report by `dynid.progress`.
+    The listener is for functions that take one; others report by `dynid.progress`.
     """
     if quiet or not sys.stderr.isatty():
         yield lambda _: None
@@ -199,15 +191,7 @@ class _Bar:
 
 
 def noticing(study: str, report: Report | None) -> Notice:
-    """Return the function that prints warnings of a study, above the bar if there is one.
-
-    Parameters
-    ----------
-    study
-        The study's file.
-    report
-        The function to which its progress is reported.
-    """
+    """Return the function that prints warnings of a study's file, above the bar if the report has one."""
 
     def notice(text: str) -> None:
         line = printable(f"{study}: warning: {text}")

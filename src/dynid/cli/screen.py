@@ -31,16 +31,9 @@ _TEXT_WIDTH = 110
 
 
 def summary(result: Result, note: str, *, trace: bool = False) -> str:
-    """Return a result as a screen of text.
+    """Return a result as a screen of text; with `trace` also the derivations.
 
-    Parameters
-    ----------
-    result
-        The result.
-    note
-        End of the headline: the duration of the run, or the time of creation.
-    trace
-        With the derivations: causality, and the steps of the reduction.
+    The note ends the headline: the duration of the run, or the time of creation.
     """
     answer = content(result)
     lines = [*_headline(result.title, answer.method, note), ""]

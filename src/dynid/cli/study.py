@@ -197,20 +197,8 @@ def _plan_lines(
 ) -> Iterator[str]:
     """Yield the screen of a plan: its size, sampling, outputs, varied inputs and first samples.
 
-    Parameters
-    ----------
-    plan
-        The plan.
-    numbers
-        The samples to run: all, or those of a shard.
-    finished
-        The number of finished samples among them.
-    target
-        The file to write.
-    foreign
-        The number of finished samples of that file that do not belong to the study.
-    explaining
-        The command that estimates the time, which needs samples to be run.
+    Of the samples to run, so many are finished; `foreign` are those in the file to write that belong to no
+    sample of the study; `explaining` is the command that estimates the time, which needs samples to be run.
     """
     import numpy as np
 

@@ -50,14 +50,7 @@ def aligned(
 ) -> Iterable[str]:
     """Yield a table as lines; one that is wider than a terminal continues in further blocks of columns.
 
-    Parameters
-    ----------
-    rows
-        The cells, with the headings first. The first column is repeated in every block.
-    indent
-        Blanks before each line.
-    left
-        The columns that are aligned to the left.
+    The headings are the first row; the first column is repeated in every block.
     """
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     room = (columns() if sys.stdout.isatty() else 1000) - len(indent)

@@ -288,18 +288,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 @contextmanager
 def serving(port: int) -> Iterator[_Server]:
-    """Serve in the background.
-
-    Parameters
-    ----------
-    port
-        Port of 127.0.0.1; 0: a free one.
-
-    Raises
-    ------
-    UsageError
-        If the port is taken.
-    """
+    """Serve in the background at a port of 127.0.0.1; 0: a free one. Raises `UsageError` if it is taken."""
     try:
         server = _Server(port)
     except OSError as error:

@@ -28,17 +28,7 @@ MOST_ROWS = 200
 
 @dataclass(frozen=True)
 class FigureTable:
-    """The numbers of a figure as a table.
-
-    Parameters
-    ----------
-    columns
-        Headings, with units where there are any: `omega, rad/s`.
-    rows
-        One entry a column.
-    note
-        A remark on the table: the rows that it omits.
-    """
+    """The numbers of a figure as a table: headings with units, rows, and a note on rows that it omits."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[CellValue, ...], ...]
@@ -47,17 +37,7 @@ class FigureTable:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that is drawn.
-
-    Parameters
-    ----------
-    svg
-        An SVG document, which may also be part of a page.
-    caption
-        A sentence or two.
-    table
-        Its contents in numbers or words; None where there is nothing to list.
-    """
+    """A figure that is drawn: an SVG document, which may also be part of a page; caption; table, if any."""
 
     svg: str
     caption: str = ""
@@ -68,16 +48,8 @@ class Picture:
 class Figure:
     """A figure of a result.
 
-    Parameters
-    ----------
-    name
-        Unique within a result, and a valid file name: letters, digits, `-`, `_` and `.`.
-    title
-        Its content in a few words.
-    draw
-        Function that draws it, or returns the chart to draw.
-    derivation
-        True if it shows how a result was derived, which a page folds.
+    Its name is unique within the result, and a valid file name: letters, digits, `-`, `_` and `.`. `draw`
+    draws it, or returns the chart to draw. A page folds a `derivation`, which shows how a result was derived.
     """
 
     name: str
@@ -135,19 +107,9 @@ _PAGE = b"""#set document(date: none)
 
 
 def as_file(svg: str, form: str) -> bytes:
-    """Return a figure as the content of a file.
+    """Return a figure as the content of an ``svg``, ``png`` or ``pdf`` file, in light colours on white.
 
-    Parameters
-    ----------
-    svg
-        The figure.
-    form
-        ``svg``, ``png`` or ``pdf``.
-
-    Returns
-    -------
-    bytes
-        In light colours on white. PNG and PDF use the fonts of the machine.
+    PNG and PDF use the fonts of the machine.
 
     Raises
     ------
@@ -185,18 +147,8 @@ def standalone(svg: str) -> str:
 class _FigureFamily:
     """Figures of one kind, and the condition on results that have them; all given parts must hold.
 
-    Parameters
-    ----------
-    function
-        The function that yields them, as `module:name`.
-    kinds
-        Kinds of results; empty: all.
-    paths
-        Beginnings of paths, one of which an array of the result has; empty: no condition.
-    scene
-        True if the result must hold the text of its scene.
-    derivation
-        True if they show how a result was derived.
+    `function` yields them, as `module:name`. The result is of one of `kinds`, has a path that begins with one
+    of `paths`, and holds the text of its `scene`. `derivation`: they show how a result was derived.
     """
 
     function: str
@@ -273,18 +225,9 @@ FAMILIES: tuple[_FigureFamily, ...] = (
 
 
 def figures(result: Result) -> list[Figure]:
-    """Return the figures of a result, none of them drawn yet.
+    """Return the figures of a result, none of them drawn yet, with unique names.
 
-    Parameters
-    ----------
-    result
-        Of a run, or read back from its file.
-
-    Returns
-    -------
-    list of Figure
-        Their names are unique. A family that cannot list its figures is one figure, which raises the error
-        when it is drawn.
+    A family that cannot list its figures is one figure, which raises the error when it is drawn.
     """
     by_name: dict[str, Figure] = {}
     for family in FAMILIES:

@@ -109,15 +109,7 @@ _SMALLER, _RAISE, _LOWER, _BAR = 0.72, 0.38, 0.2, 0.28
 
 @dataclass(frozen=True)
 class _TextRun:
-    """A run of text within a formula.
-
-    Parameters
-    ----------
-    text, size, italic
-        The text, its font size (px), and True if it is italic.
-    x, y
-        Its origin relative to the formula's left end and baseline, px.
-    """
+    """A run of text within a formula: its font size (px), and its origin from the formula's left baseline."""
 
     text: str
     size: float
@@ -135,10 +127,7 @@ class _TextRun:
 class TypesetFormula:
     """A typeset formula: runs of text, and the bars of fractions and roots as (x, y, width).
 
-    Parameters
-    ----------
-    width, above, below
-        Its extent, px: from its left end, and from its baseline.
+    Its extent is in px: `width` from its left end, `above` and `below` its baseline.
     """
 
     pieces: tuple[_TextRun, ...] = ()
@@ -173,15 +162,7 @@ class TypesetFormula:
 
 
 def typeset(latex: str, size: float = TITLE) -> TypesetFormula:
-    """Typeset a formula.
-
-    Parameters
-    ----------
-    latex
-        LaTeX of a reduction, in mathematical mode.
-    size
-        Font size, px.
-    """
+    """Typeset LaTeX of a reduction, in mathematical mode, at a font size (px)."""
     return _Typesetter(latex).row(size)
 
 

@@ -76,14 +76,7 @@ def html(result: Result) -> str:
 
 
 def axes(result: Result, name: str) -> Any:
-    """Draw a figure of a result by matplotlib, in the style of its rcParams.
-
-    Parameters
-    ----------
-    result
-        The result.
-    name
-        The name of the figure, as ``dynid plot --list`` prints it.
+    """Draw a figure of a result by matplotlib, in the style of its rcParams (`Result.plot`).
 
     Returns
     -------

@@ -165,12 +165,8 @@ def path_of(points: Iterable[Point], *, closed: bool = False) -> str:
 class Svg:
     """A figure being drawn; y points down, lengths are px.
 
-    Parameters
-    ----------
-    name
-        The figure's name, unique on a page: every id of the figure starts with it.
-    title, description
-        Title and description for screen readers.
+    The name is unique on a page: every id of the figure starts with it. Title and description are for screen
+    readers.
     """
 
     def __init__(self, name: str, title: str, description: str = "") -> None:

@@ -20,29 +20,16 @@ ALL = 10**9
 
 @dataclass(frozen=True)
 class Block:
-    """A node of a section.
-
-    Parameters
-    ----------
-    reader
-        ``screen`` or ``page``, where only one of them shows it; empty: both.
-    """
+    """A node of a section; its reader is ``screen`` or ``page`` where only one of them shows it."""
 
     reader: str = field(default="", kw_only=True)
 
 
 @dataclass(frozen=True)
 class Statement(Block):
-    """A sentence.
+    """A sentence without full stop, with a tone (``good``, ``bad`` or none).
 
-    Parameters
-    ----------
-    text
-        Without full stop.
-    tone
-        ``good``, ``bad`` or empty.
-    head
-        A name before it, which is written as it is, with its colon if there is one.
+    Its head is a name before it, which is written as it is, with its colon if there is one.
     """
 
     text: str
@@ -57,15 +44,7 @@ class Statement(Block):
 
 @dataclass(frozen=True)
 class Listing(Block):
-    """Several entries, of which renderers show the first.
-
-    Parameters
-    ----------
-    noun
-        What an entry is.
-    brief, most
-        Most entries on a screen, and on a page.
-    """
+    """Several entries, each a `noun`, of which screens show the first `brief`, and pages the first `most`."""
 
     noun: str = field(default="row", kw_only=True)
     brief: int = field(default=20, kw_only=True)
@@ -93,20 +72,9 @@ class NumberedList(Listing):
 
 @dataclass(frozen=True)
 class TextTable(Listing):
-    """A table of texts whose first column has the headings of the rows.
+    """A table of texts: the first column has the headings of the rows, columns without a heading have texts.
 
-    Parameters
-    ----------
-    columns
-        Headings; columns without one have texts.
-    rows
-        One text a column.
-    marked
-        Indices of highlighted rows.
-    caption
-        Its caption.
-    brief_columns
-        Most columns on a screen.
+    Marked rows are highlighted; screens show the first `brief_columns`.
     """
 
     columns: tuple[str, ...]
@@ -140,20 +108,11 @@ AnyBlock = TypeVar("AnyBlock", bound=Block)
 
 @dataclass(frozen=True)
 class ReportSection:
-    """Nodes under a heading.
+    """Nodes under a heading; a page shows sections of one title and place together.
 
-    Parameters
-    ----------
-    title
-        The heading on a page, which shows sections of one title and place together.
-    blocks
-        Its content.
-    place
-        Of a page: `answer` for what was asked, which stands first; `details`; `derivation`; empty: none.
-    screen
-        The heading on a screen; empty: none; default: the screen does not show the section.
-    detail
-        ``trace`` where screens show it with the derivations alone, ``brief`` where without these alone.
+    `place` of a page: `answer` for what was asked, which stands first; `details`; `derivation`; empty: none.
+    `screen`: the heading there; empty: none; default: screens do not show the section. `detail`: ``trace``
+    where screens show it with the derivations alone, ``brief`` where without these alone.
     """
 
     title: str
@@ -165,15 +124,7 @@ class ReportSection:
 
 @dataclass(frozen=True)
 class Content:
-    """Content of a result.
-
-    Parameters
-    ----------
-    method
-        The kind of analysis and its method.
-    sections
-        In the order of a reader's questions.
-    """
+    """Content of a result: the kind of analysis with its method, and sections in the order of questions."""
 
     method: str
     sections: tuple[ReportSection, ...] = field(default=())

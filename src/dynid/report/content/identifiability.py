@@ -160,23 +160,13 @@ def shift_text(percent: float, symbol: str = "") -> str:
 
 
 class _CalibrationEffects(NamedTuple):
-    """Changes of the estimates by calibration errors (p parameters, q quantities).
+    """Changes of the estimates (p) by calibration errors (q), which `changes` say in words.
 
-    Attributes
-    ----------
-    parameters
-        Names of the parameters (p).
-    changes
-        The calibration errors, in words (q).
-    moves
-        Relative changes of the estimates (p x q), NaN for parameters that are not identifiable.
-    deviations
-        Magnitudes of the same in standard errors (p x q), NaN where there is none.
-    kinds
-        Kind of each quantity (q): the gain of a ``load`` or a ``sensor``, the ``delay``, a considered
-        ``parameter``, or what else is ``known``: masses, stiffnesses, the clock.
-    seen_from
-        Change from which a test of the residuals shows it, as often as not (q): relative.
+    `moves` are relative (p x q), NaN for parameters that are not identifiable; `deviations` are their
+    magnitudes in standard errors, NaN where there is none. Kinds of quantities (q): the gain of a ``load`` or
+    a ``sensor``, the ``delay``, a considered ``parameter``, or what else is ``known``: masses, stiffnesses,
+    the clock. `seen_from` (q) are the relative changes from which a test of the residuals shows them, as
+    often as not.
     """
 
     parameters: list[str]

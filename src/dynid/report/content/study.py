@@ -172,14 +172,9 @@ def _met_expectations(table: StudyTable) -> Iterator[tuple[str, str]]:
 def variance_sources(
     table: StudyTable, shown: list[tuple[str, StudyColumn]], limit: int
 ) -> tuple[list[tuple[str, str]], list[str]]:
-    """Return the inputs that contribute to the variance of each number, and remarks on the estimates.
+    """Return the inputs that contribute to the variance of numbers, and remarks on the estimates.
 
-    Parameters
-    ----------
-    table, shown
-        The study, and its numbers with their paths.
-    limit
-        Most numbers that are analysed.
+    At most so many numbers, `shown` with their paths, are analysed.
     """
     influences = Influences(table)
     rows: list[tuple[str, str]] = []

@@ -173,10 +173,8 @@ def mode_shapes(result: Result) -> Iterator[Figure]:
 def _lines_by(result: Result) -> tuple[_LinesOf, bool] | None:
     """Return the function that gives the lines in a mode, and whether their points are masses.
 
-    None without geometry.
-
-    Of a scene's chain, beam or plane frame with all its DOFs they follow from these, of others from the
-    motion of the nodes that the result holds.
+    None without geometry. Of a scene's chain, beam or plane frame with all its DOFs they follow from these,
+    else from the motion of the nodes that the result holds.
     """
     geometry = geometry_of(scene_of(result))
     labels = [str(label) for label in result[f"{_COMPUTED}/dof"].data]

@@ -41,15 +41,7 @@ _BENT, _CORNER = math.radians(4), math.radians(60)
 
 @dataclass(frozen=True)
 class Frequencies:
-    """The frequencies of a response.
-
-    Parameters
-    ----------
-    omega
-        Angular frequencies, rad/s.
-    unit
-        The unit in which they are shown, that of the scene.
-    """
+    """The frequencies of a response, rad/s, and the unit in which they are shown, that of the scene."""
 
     omega: Array
     unit: FrequencyUnit
@@ -209,18 +201,10 @@ def nyquist_curves(response: ComplexArray, at: Frequencies, name: str) -> list[C
 def rounded_locus(values: ComplexArray, at: Array) -> tuple[ComplexArray, Array]:
     """Return a locus with points between the samples where it bends, and its parameter at all of them.
 
-    Parameters
-    ----------
-    values
-        The samples, NaN where there is none.
-    at
-        The parameter, such as the frequency.
-
-    Notes
-    -----
-    The tangent at a sample is that of the circle through it and its neighbours; pieces between samples are
-    cubics with these tangents. Circles of resonance stay circles. Where a corner is sharper than 60°, there
-    are too few samples, and the line stays straight.
+    Samples are NaN where there is none; `at` is the parameter, such as the frequency. The tangent at a sample
+    is that of the circle through it and its neighbours; pieces between samples are cubics with these
+    tangents. Circles of resonance stay circles. Where a corner is sharper than 60°, there are too few
+    samples, and the line stays straight.
     """
     steps = np.diff(values)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -75,13 +75,7 @@ class StudyVariable(NamedTuple):
 
 
 class StudyNumbers:
-    """The numbers of a study that figures show.
-
-    Parameters
-    ----------
-    result
-        Result of a study.
-    """
+    """The numbers of a study that figures show."""
 
     def __init__(self, result: Result) -> None:
         self.table = StudyTable(result)

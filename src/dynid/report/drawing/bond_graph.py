@@ -64,22 +64,10 @@ LARGEST_WHOLE, MOST_INSTANCES = 5000, 20
 class DrawnGraph:
     """The bond graph of a result with the request of its analysis.
 
-    Parameters
-    ----------
-    graph
-        The graph.
-    inputs, outputs
-        Sources that are inputs, and requested variables.
-    port
-        The bond of the source-load decomposition, if any, from the source side to the load side.
-    domains
-        The physical domain of every node that has one.
-    boxes
-        Fields and structures, junctions in `graph`, by what is written in their boxes.
-    loops
-        Feedback: pairs of the node that is measured and the source that is driven.
-    laws
-        By node with a law the nodes whose variables the law depends on.
+    `port` is the bond of the source-load decomposition, if any, from the source side to the load side;
+    `domains` are physical domains by node. Fields and structures are junctions in the graph, with what is
+    written in their `boxes`. `loops` are pairs of the node that is measured and the source that is driven;
+    `laws` have by node with a law the nodes whose variables the law depends on.
     """
 
     graph: BondGraph
@@ -93,13 +81,7 @@ class DrawnGraph:
 
 
 def drawn_graph(result: Result) -> DrawnGraph:
-    """Return the graph of a result, read from its scene.
-
-    Raises
-    ------
-    UsageError
-        Where the result does not hold its scene, or the scene cannot be read.
-    """
+    """Return the graph of a result, read from its scene; raises as `scene_of`."""
     return _graph_of(scene_of(result))
 
 
@@ -348,15 +330,7 @@ def reduction_strip(drawn: DrawnGraph, port: Port) -> list[Sketch]:
 
 
 def _before_merging(before: Snapshot, after: Snapshot) -> Snapshot:
-    """Return a source swap as drawn: the swapped junction beside the one with which it merges.
-
-    Parameters
-    ----------
-    before
-        The graph before the swap.
-    after
-        The graph after it, in which the two equal junctions are merged.
-    """
+    """Return a source swap as drawn: the swapped junction beside the one with which `after` merges it."""
     (leaf,), (into,) = after.gone, after.changed
     old, new = before.junctions[into], after.junctions[into]
     kept = tuple(term for term in new.terms if term in old.terms)

@@ -26,15 +26,7 @@ _STARTS, _SWEEPS = 8, 12
 
 
 def ranks(graph: Graph, first: int, last: int) -> dict[int, int]:
-    """Return the column of every vertex of a connected graph, neighbours in different columns.
-
-    Parameters
-    ----------
-    graph
-        The neighbours of every vertex.
-    first, last
-        The vertices of the first and the last column.
-    """
+    """Return the column of every vertex of a connected graph between two of them, neighbours in different ones."""
     network = _biconnected(graph, (first, last))
     potential = _potentials(network, first, last)
     before = {v: [u for u in near if potential[u] < potential[v]] for v, near in graph.items()}
@@ -100,14 +92,9 @@ def _potentials(graph: Graph, first: int, last: int) -> dict[int, float]:
 
 
 class ColumnOrder(Generic[T]):
-    """Order of the items within columns, in which few links cross.
+    """Order of the items within columns, in which few links between neighbouring columns cross.
 
-    Parameters
-    ----------
-    columns
-        The items of every column; `improve` orders them in place.
-    links
-        Pairs of items of neighbouring columns, the left one first.
+    Links are pairs, the left item first; `improve` orders the columns in place.
     """
 
     def __init__(self, columns: list[list[T]], links: Iterable[tuple[T, T]]) -> None:

@@ -23,17 +23,7 @@ Ties = Mapping[str, list[tuple[str, int]]]
 
 @dataclass(eq=False)
 class LayoutItem:
-    """An item of a column: a node or a passing bond.
-
-    Parameters
-    ----------
-    name
-        The node; None for a bond.
-    up, down
-        Space above and below it, px.
-    y
-        Its height, px, downwards.
-    """
+    """An item of a column, a named node or a passing bond: space above and below, and its height y, px."""
 
     name: str | None = None
     up: float = PORT / 2
@@ -65,18 +55,10 @@ class Waypoint:
 class LayeredLayout:
     """The spine of a connected part of a sketch, and the trees that hang on it.
 
-    Parameters
-    ----------
-    columns
-        The items of each column from top to bottom, columns from left to right.
-    routes
-        The waypoints of the spine's bonds from tail to head, by their place in the sketch.
-    ports
-        Numbers of bonds to the left and to the right of each of its nodes.
-    children, hanging
-        The trees: the nodes that hang on every node, and the bond by which each of them hangs.
-    crossings
-        Number of pairs of bonds that cross.
+    Columns are from left to right, their items from top to bottom. `routes` are the waypoints of the spine's
+    bonds from tail to head, by their index in the sketch; `ports` the numbers of bonds to the left and right
+    of its nodes. Of the trees, `children` are the nodes that hang on every node, `hanging` the bond by which
+    each of them hangs.
     """
 
     columns: list[list[LayoutItem]]
@@ -118,8 +100,6 @@ def _preferred_height(item: LayoutItem, ties: list[tuple[LayoutItem, float, bool
 def _place_apart(items: list[LayoutItem], preferred: list[float]) -> None:
     """Place items in order, without overlap, at the least squared distance from their preferred heights.
 
-    Notes
-    -----
     Isotonic regression by pooling adjacent violators.
     """
     pools: list[tuple[float, float, int]] = []  # mean, weight, number of members

@@ -45,17 +45,9 @@ class Box:
 
 @dataclass
 class GraphLayout:
-    """A sketch that is laid out.
+    """A sketch that is laid out: the box of every node, and the points of every bond from tail to head.
 
-    Parameters
-    ----------
-    boxes
-        The box of every node.
-    routes
-        The points of every bond from tail to head, in the sketch's order; the first and the last segment are
-        horizontal or vertical and at least `RUN` long.
-    crossings
-        Number of pairs of bonds that cross.
+    The first and the last segment of a bond are horizontal or vertical and at least `RUN` long.
     """
 
     boxes: dict[str, Box] = field(default_factory=dict)
@@ -73,17 +65,7 @@ class GraphLayout:
 
 @dataclass
 class _TreeLayout:
-    """Trees side by side over one node, which is at x = 0.
-
-    Parameters
-    ----------
-    x
-        Horizontal position of every node.
-    levels
-        The nodes of every level, from left to right.
-    parent
-        The node on which each node hangs.
-    """
+    """Trees side by side over one node at x = 0: nodes by level from left to right, and their parents."""
 
     x: dict[str, float] = field(default_factory=dict)
     levels: list[list[str]] = field(default_factory=list)
@@ -108,16 +90,7 @@ def _tree_layout(
 ) -> _TreeLayout:
     """Lay out the trees on one side of a node, as narrow as their outlines allow.
 
-    Parameters
-    ----------
-    root
-        The node on which they hang.
-    trees
-        Their first nodes, from left to right.
-    children
-        The nodes that hang on every node.
-    size
-        Width and height of a node.
+    `trees` are their first nodes, from left to right; `size` returns width and height of a node.
     """
     layout = _TreeLayout()
     order: list[str] = []

@@ -44,18 +44,10 @@ _PATHS = {"a": ("AB", "AB"), "b": ("AB", "AB"), "c": ("B", "B"), "d": ("AB", "A"
 
 @dataclass(frozen=True)
 class _BlockDiagram:
-    """Block diagram of two systems in parallel (feedforward) or in a loop (feedback).
+    """Block diagram of two systems in parallel (feedforward) or in a loop (feedback), labelled in LaTeX.
 
-    Parameters
-    ----------
-    kind
-        feedforward: the input drives both, and their outputs add up; feedback: the second acts back on the
-        first.
-    forward, back
-        The labels of the two blocks, in LaTeX.
-    entering, leaving, inner, second
-        The signals: input, output, the input (feedback) or output (feedforward) of the first block, and the
-        output of the second block.
+    The signals are input, output, the input (feedback) or output (feedforward) of the first block, and the
+    output of the second block.
     """
 
     kind: str
@@ -159,18 +151,10 @@ def prototypes(result: Result) -> Iterator[Figure]:
 
 
 def prototype_picture(name: str, letter: str, formulas: list[str], where: str) -> Picture:
-    """Draw a prototype with its two systems, beside the equivalent block diagram.
+    """Draw a prototype (a, b, c or d) with its two systems, beside the equivalent block diagram.
 
-    Parameters
-    ----------
-    name
-        The figure's name.
-    letter
-        a, b, c or d.
-    formulas
-        Its driving-point relation, and its systems A and B, in LaTeX.
-    where
-        Its place, in words: `at the port`.
+    The formulas are its driving-point relation, and its systems A and B, in LaTeX; `where` is its place in
+    words.
     """
     kind, *_ = _DIAGRAMS[letter]
     title = f"Prototype {letter} {where}: {kind}"

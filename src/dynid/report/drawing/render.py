@@ -112,19 +112,7 @@ def _draw_cut(svg: Svg, sketch: Sketch, layout: GraphLayout, cut: tuple[str, str
 
 @dataclass(frozen=True)
 class Panel:
-    """A drawing within a figure, with its texts.
-
-    Parameters
-    ----------
-    heading
-        The text above it.
-    latex, text
-        The formula in LaTeX and the sentence below it; either may be empty.
-    width, height
-        Extent of the drawing, px.
-    draw
-        Function that draws it.
-    """
+    """A drawing (px) within a figure: heading above, a formula in LaTeX and a sentence below, if any."""
 
     heading: str
     latex: str

@@ -45,15 +45,7 @@ Segment = tuple[Point, Point]
 
 @dataclass(frozen=True)
 class TextLine:
-    """A line of text in a node.
-
-    Parameters
-    ----------
-    text
-        The text.
-    role
-        `glyph` (the 0 or 1 of a junction), `label` or `note`.
-    """
+    """A line of text in a node: `glyph` (the 0 or 1 of a junction), `label` or `note`."""
 
     text: str
     role: str = "label"
@@ -76,22 +68,10 @@ class TextLine:
 
 @dataclass(frozen=True)
 class SketchNode:
-    """A node of a drawing.
+    """A node of a drawing with its lines of text; the physical domain gives the colour.
 
-    Parameters
-    ----------
-    key
-        Unique in the drawing.
-    lines
-        Its text, from top to bottom.
-    domain
-        Its physical domain, which gives the colour; empty: none.
-    role
-        `input`, `output`, `both` or empty; any of them is outlined.
-    changed
-        True if it is highlighted.
-    opens
-        The figure of its inside, to which it leads; empty: none.
+    Its role (`input`, `output`, `both`) outlines it, a change highlights it; `opens` is the figure of its
+    inside, to which it leads.
     """
 
     key: str
@@ -114,22 +94,10 @@ class SketchNode:
 
 @dataclass(frozen=True)
 class SketchBond:
-    """A bond of a drawing.
+    """A bond of a drawing with power positive from tail to head, and its stroke at `tail`, `head` or neither.
 
-    Parameters
-    ----------
-    tail, head
-        Keys of the nodes; power is positive from tail to head.
-    stroke
-        The end of the causal stroke: `tail`, `head` or empty.
-    domain
-        Its physical domain, as of a node.
-    changed
-        True if it is highlighted.
-    equation_only
-        True for a coupling that only the equations define: drawn dashed and without an arrow.
-    signal
-        True for a signal (an activated bond), which takes no power: drawn dashed, with a full arrow.
+    A coupling that only the equations define is dashed and has no arrow; a signal (an activated bond), which
+    takes no power, is dashed, with a full arrow.
     """
 
     tail: str
@@ -183,16 +151,8 @@ class SketchBond:
 class Sketch:
     """A graph to lay out and draw.
 
-    Parameters
-    ----------
-    nodes
-        The nodes.
-    bonds
-        The bonds.
-    source, target
-        Nodes that are placed as far to the left and to the right as possible, if any.
-    cut
-        The bond of a source-load decomposition, as (tail, head) from the source side to the load side.
+    The source is placed as far to the left, the target as far to the right as possible; `cut` is the bond of
+    a source-load decomposition, from the source side to the load side.
     """
 
     nodes: tuple[SketchNode, ...]
@@ -235,12 +195,7 @@ def instances(names: Iterable[str]) -> Iterator[str]:
 def folded(sketch: Sketch, within: str = "") -> Sketch:
     """Return a drawing of one level of a graph: what lies deeper, or in other instances, is in boxes.
 
-    Parameters
-    ----------
-    sketch
-        The whole graph.
-    within
-        The instance whose inside is shown with its neighbours; empty: the outermost level.
+    `within` is the instance whose inside is shown with its neighbours; empty: the outermost level.
     """
     above = within.split(".") if within else []
     places = {node.key: _shown(node.key.split("."), above) for node in sketch.nodes}

@@ -34,13 +34,7 @@ _FINE, _BENT, _MOST = 8, 400, 6000
 
 
 class Space:
-    """The geometry in a result, and its projection onto the paper.
-
-    Parameters
-    ----------
-    result
-        With the group `structure/geometry`.
-    """
+    """The geometry in a result, its group `structure/geometry`, and its projection onto the paper."""
 
     def __init__(self, result: Result) -> None:
         self.result = result
@@ -85,14 +79,9 @@ class Space:
         return np.asarray(points @ self.view.T)
 
     def polylines(self, mode: int | None = None, limit: int = _MOST) -> list[tuple[Array, Array]]:
-        """Return lines at rest and their displacements on the paper; those of beams bend (Hermite).
+        """Return lines at rest, and their displacements in a mode, on the paper; those of beams bend (Hermite).
 
-        Parameters
-        ----------
-        mode
-            The mode, from 0; absent: at rest only.
-        limit
-            Most lines, the outer ones.
+        Of more than so many lines, the outer ones.
         """
         edges = outer_lines(self.edges, limit)
         moved, turned = np.zeros_like(self.position), None

@@ -28,20 +28,8 @@ Label = int | str
 class StructureGeometry:
     """Geometry of a structure: a chain of masses, a beam or a plane frame.
 
-    Parameters
-    ----------
-    points
-        Coordinates of every node, m, y upwards; of the masses of a chain only their order.
-    labels
-        Own labels of the DOFs.
-    masses
-        Masses of a chain as text; empty for a beam or frame.
-    members
-        Nodes along every member; empty for a chain.
-    supports
-        Fixed directions, by node.
-    carrying
-        Nodes with a point mass.
+    Points are in m, y upwards; of a chain, whose masses are texts, they have the order only. Members are the
+    nodes along them; supports the fixed directions by node; `carrying` the nodes with a point mass.
     """
 
     points: Mapping[int, Point]
@@ -105,18 +93,9 @@ def _frame(frame: FrameModel) -> tuple[dict[int, Point], list[list[int]]]:
 
 @dataclass(frozen=True)
 class SpringDamper:
-    """A spring, a damper, or both, between DOFs or from one DOF to ground.
+    """A spring, a damper, or both, between DOFs or from one DOF to ground; a joint is highlighted.
 
-    Parameters
-    ----------
-    dofs
-        Labels of its DOFs.
-    texts
-        Its name if it is a joint, and its values.
-    stiff, damped
-        True if it has a spring, a damper.
-    joint
-        True if it is a joint, which is highlighted.
+    Its texts are the name of a joint, and its values.
     """
 
     dofs: tuple[Label, ...]
@@ -142,15 +121,7 @@ class Attachments:
 
 
 def attachments_of(scene: Scene, labels: Sequence[Label]) -> Attachments:
-    """Return the attachments of the structure of a scene.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    labels
-        The labels of the structure's DOFs, in their order.
-    """
+    """Return the attachments of the structure of a scene, whose DOFs have these labels."""
     model, names = scene.model, DofNames(labels)
     structure = model.structure
 

@@ -59,21 +59,10 @@ class _PagePart(NamedTuple):
 
 
 def page(result: Result, *, live: int | None = None, note: str = "") -> str:
-    """Return the page of a result.
+    """Return the page of a result, which may be stored in an open file; the same for the same result.
 
-    Parameters
-    ----------
-    result
-        In memory, or stored in an open file.
-    live
-        Number of this page, if it listens to the server that it came from and reloads itself.
-    note
-        A statement before everything else.
-
-    Returns
-    -------
-    str
-        HTML; the same for the same result.
+    `live` is the number of a page that listens to the server that it came from and reloads itself; `note` is
+    a statement before everything else.
     """
     answer = content(result)
     scripts = ["samples.js"] if result.kind == "study" else []
@@ -172,16 +161,7 @@ def document(
 ) -> str:
     """Return a page of several parts, with a policy that lets it load nothing and run only its own scripts.
 
-    Parameters
-    ----------
-    title, subtitle
-        Title and a line below it.
-    parts
-        The parts; empty ones are omitted.
-    scripts
-        File names of JavaScript, beside the one of all pages.
-    live
-        Number of this page, if its scripts listen to the server that it came from.
+    Empty parts are omitted. `scripts` are files beside those of all pages; `live` is as of `page`.
     """
 
     def asset(name: str) -> str:

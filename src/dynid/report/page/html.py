@@ -45,17 +45,10 @@ def join(*parts: str) -> Markup:
 
 
 def tag(name: str, *content: str, **attrs: str | bool | None) -> Markup:
-    """Return an element.
+    """Return an element of texts, which are escaped, and markup.
 
-    Parameters
-    ----------
-    name
-        Its name.
-    *content
-        Texts, which are escaped, and markup.
-    **attrs
-        Attributes: `class_` stands for class, `aria_label` for aria-label; True has no value, and None or
-        False omits the attribute.
+    Attributes: `class_` stands for class, `aria_label` for aria-label; True has no value, None or False omits
+    it.
     """
     attributes = "".join(
         f" {key.rstrip('_').replace('_', '-')}" + ("" if value is True else f'="{text(value)}"')

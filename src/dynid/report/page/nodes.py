@@ -39,16 +39,8 @@ def page_sections(sections: Iterable[ReportSection], place: str) -> list[ReportS
 def node(block: Block, title: str, unfolded: int | None = None, most: int = ALL) -> Markup:
     """Return a node as HTML; in tables, columns of numbers are aligned to the right.
 
-    Parameters
-    ----------
-    block
-        The node.
-    title
-        The title of its section, the label of a table without a caption.
-    unfolded
-        Rows of longer tables that are shown above all rows, which are folded; default: all.
-    most
-        Most entries, where the node does not have fewer.
+    `title` is that of its section; of longer tables so many rows stand `unfolded` above all rows, which are
+    folded; `most` limits the entries of nodes without a lower limit.
     """
     if isinstance(block, Listing):
         most = min(most, block.most)

@@ -28,20 +28,10 @@ _ANGLES = (15.0, 30.0, 45.0, 90.0, 180.0)
 
 @dataclass(frozen=True)
 class PlotAxis:
-    """An axis of a plot.
+    """An axis of a plot, labelled by its quantity with units: `time (s)`.
 
-    Parameters
-    ----------
-    label
-        The quantity with its units: `time (s)`.
-    log
-        True for a logarithmic axis.
-    low, high
-        Its ends; absent: those of the data, with a margin.
-    names
-        Labels at 0, 1, 2, … instead of numbers.
-    step
-        The least distance of ticks: 45 for angles, 1 for counts.
+    `low` and `high` are its ends, by default those of the data with a margin; `names` are labels at 0, 1, 2,
+    … instead of numbers; `step` is the least distance of ticks: 45 for angles, 1 for counts.
     """
 
     label: str
@@ -124,17 +114,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Ticks:
-    """Ticks with their labels.
-
-    Parameters
-    ----------
-    values, labels
-        The ticks, with one label each.
-    minor
-        Values with a grid line but no label.
-    power
-        The power of ten by which the labels are multiplied.
-    """
+    """Ticks with a label each, times a power of ten; `minor` have a grid line but no label."""
 
     values: tuple[float, ...]
     labels: tuple[str, ...]

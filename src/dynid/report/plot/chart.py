@@ -36,12 +36,7 @@ NARROW, _LEAST, _LOWEST, _SQUARE = 420.0, 190.0, 64.0, 120.0
 class PageSpace:
     """Space of a chart on a page, as narrow as the screen of a phone, where it has no title.
 
-    Parameters
-    ----------
-    tallest
-        Largest height of a chart of the width `NARROW`, px: rows of subplots that exceed it are omitted.
-    omitted
-        Number of subplots that the chart omitted.
+    A chart of the width `NARROW` is at most `tallest` px high: it omits rows, and counts their subplots.
     """
 
     tallest: float
@@ -54,27 +49,12 @@ embedded: ContextVar[PageSpace | None] = ContextVar("embedded", default=None)
 
 @dataclass(frozen=True)
 class Subplot:
-    """Two axes and the layers between them.
+    """Two axes and the layers between them, the lowest first.
 
-    Parameters
-    ----------
-    x, y
-        The axes.
-    layers
-        The layers, the lowest first.
-    title
-        The text above it, in one or two lines.
-    height
-        Height of the plot area, px; absent: that of the chart.
-    square
-        True if equal differences have equal lengths on both axes.
-    weight
-        Share of a row's width, relative to its other subplots.
-    parameter
-        The quantity, with its unit, that its curves are over (`along` of each), or that the size of y is in
-        other units: a cursor on an x axis of this label marks it here, too.
-    per_y
-        The parameter per unit of |y|; 0: the curves have it.
+    The title above it has one or two lines; `height` (px) is by default that of the chart; `square` gives
+    equal differences equal lengths on both axes; `weight` is its share of a row's width. `parameter` is the
+    quantity, with its unit, that its curves are over (`along` of each), or that |y| is in other units,
+    `per_y` of them each: a cursor on an x axis of this label marks it here, too.
     """
 
     x: PlotAxis
@@ -208,16 +188,9 @@ def in_rows(subplots: Sequence[Subplot], beside: int = 2) -> list[Sequence[Subpl
 class Chart:
     """A figure of subplots under one legend, with its caption and its table.
 
-    Parameters
-    ----------
-    rows
-        The subplots, row by row, aligned in columns.
-    width, height
-        Of the whole figure and of a plot area, px.
-    shared
-        True if the subplots of a column share one x axis, whose ticks are labelled at the lowest only.
-    legend
-        The legend; default: the entries of the layers.
+    Rows of subplots are aligned in columns; `width` is that of the whole figure, `height` that of a plot
+    area, px. Where x is `shared`, only the lowest subplot of a column labels it. By default the legend has
+    all layers' entries.
     """
 
     rows: Sequence[Sequence[Subplot]]

@@ -30,18 +30,8 @@ MOST, _ROW = 40, 3
 class Heatmap:
     """A matrix as cells, the first row at the top; the opacity of a cell is the magnitude of its value.
 
-    Parameters
-    ----------
-    values
-        Rows × columns; cells that are not finite stay empty.
-    low, high
-        The values that are transparent and opaque; if `low` is negative, negative values have another colour.
-    texts
-        Texts of the cells, rows × columns, or empty.
-    tips
-        Texts shown under the pointer, rows × columns, or empty.
-    edges
-        Edges of columns and rows on the axes; absent: at whole numbers ± ½.
+    `low` is transparent and `high` opaque; if `low` is negative, negative values have another colour. Cells
+    that are not finite stay empty. `edges` are those of columns and rows, by default at whole numbers ± ½.
     """
 
     values: NDArray[np.float64]

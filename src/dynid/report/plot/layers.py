@@ -113,20 +113,9 @@ class _GriddedLayer:
 class Curve(_GriddedLayer):
     """A line through points, interrupted where a value is not finite.
 
-    Parameters
-    ----------
-    x, y
-        Its points.
-    label
-        Its label in the legend; empty: no entry.
-    cls
-        Its classes: `series_class(0)`, `s2 fine`, `grid`.
-    spans
-        True if the axes must contain it.
-    name
-        Its name where a script reads its values; absent: the label, and without one the label of the y axis.
-    along
-        The value of a parameter at each point of a locus, such as the frequency; absent: none.
+    `cls` are its classes: `series_class(0)`, `s2 fine`, `grid`; the axes contain it if it `spans` them. A
+    script reads its values under `name`, by default the label, else that of the y axis; `along` are the
+    values of a parameter at the points of a locus, such as the frequency.
     """
 
     x: ArrayLike
@@ -189,18 +178,10 @@ class BandLayer(_GriddedLayer):
 
 @dataclass(frozen=True)
 class Markers(_GriddedLayer):
-    """Points, each with a text shown under the pointer.
+    """Points, each with a text shown under the pointer, and an opacity, if any.
 
-    Parameters
-    ----------
-    symbol
-        `o` (filled), `ring`, `x`, `+`, `square`, `diamond`, `up`, `down` (triangles) or `kite` (hollow).
-    size
-        Its radius, px.
-    tips
-        One text a point, or none.
-    opacity
-        One value a point, or none.
+    Symbols: `o` (filled), `ring`, `x`, `+`, `square`, `diamond`, `up`, `down` (triangles) or `kite` (hollow),
+    of a radius in px.
     """
 
     x: ArrayLike
@@ -236,19 +217,7 @@ class Markers(_GriddedLayer):
 
 @dataclass(frozen=True)
 class Bars(_GriddedLayer):
-    """Bars from a base to values.
-
-    Parameters
-    ----------
-    at
-        Their positions on the other axis.
-    low, high
-        Their ends.
-    thick
-        Their thickness, in values of the other axis; one for all, or one each.
-    flat
-        True for horizontal bars, whose ends are on x.
-    """
+    """Bars between values, `thick` in values of the other axis; horizontal ones are `flat`."""
 
     at: ArrayLike
     low: ArrayLike
@@ -356,14 +325,7 @@ def runs(x: Array, y: Array, *also: Array) -> Iterator[tuple[Array, ...]]:
 def by_column(x: Array, y: Array) -> NDArray[np.intp]:
     """Return the indices of the first, lowest, highest and last point of each pixel column.
 
-    Parameters
-    ----------
-    x, y
-        Positions in px, x not decreasing.
-
-    Notes
-    -----
-    The picture stays the same to the pixel (M4, Jugel et al. 2014).
+    Positions are in px, x not decreasing. The picture stays the same to the pixel (M4, Jugel et al. 2014).
     """
     columns = np.floor(x).astype(np.int64)
     starts = np.flatnonzero(np.diff(columns, prepend=columns[0] - 1))

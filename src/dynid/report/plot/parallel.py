@@ -27,22 +27,7 @@ def parallel_coordinates(
     values: NDArray[np.float64],
     description: str = "",
 ) -> str:
-    """Draw samples as lines across upright axes.
-
-    Parameters
-    ----------
-    name, title, description
-        The figure's name, its title, and a description for screen readers.
-    axes
-        The axes.
-    values
-        Samples × axes, all finite. The last column determines the colours.
-
-    Returns
-    -------
-    str
-        An SVG document.
-    """
+    """Draw samples (× axes, all finite) as lines across upright axes; the last column gives the colours."""
     svg = Svg(name, title, description)
     top = _PAD + 2 * _LINE
     if embedded.get() is None:  # a page has the title above the figure
