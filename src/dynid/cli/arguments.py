@@ -79,7 +79,7 @@ def reads_results(*parameters: str) -> Callable[[Callable[..., int]], Callable[.
 
 
 def writes_junit(parameter: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Write the error that ends a command on a scene into its JUnit file, where an earlier run may be well."""
+    """Write the error that ends a command on a scene into its JUnit file, also over that of a good run."""
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:
         @functools.wraps(command)

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 
 from dynid.errors import DynidError, UsageError
 from dynid.report.svg import COLOURS, resolved
+from dynid.result import Result
 
 if TYPE_CHECKING:
     from dynid.report.plot import Chart
-    from dynid.result import Result
 
 
 CellValue = str | bool | int | float | complex

@@ -9,15 +9,11 @@ import re
 import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from dynid.number_format import sentence, unit_text
 from dynid.report.svg import TITLE, Svg, number, plain, text_width
-
-if TYPE_CHECKING:
-    from dynid.result import Result, Scalar
-    from dynid.units import FrequencyUnit
-
+from dynid.result import Result, Scalar
+from dynid.units import FrequencyUnit
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 #: Separator of thousands.

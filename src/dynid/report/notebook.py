@@ -29,6 +29,7 @@ from dynid.report.plot import (
     Subplot,
 )
 from dynid.report.scenes import frequency_unit
+from dynid.result import Result, Variable
 from dynid.store.frequencies import in_unit
 from dynid.suggestions import did_you_mean, did_you_mean_path, shortened
 from dynid.units import HERTZ, RADIANS
@@ -36,8 +37,6 @@ from dynid.units import HERTZ, RADIANS
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-    from dynid.result import Result, Variable
 
 #: Most rows of a table that are shown.
 _ENTRIES = 12

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import SceneError, UsageError
+from dynid.result import Result
 from dynid.scene.schema.raw import unit_of_frequencies
 from dynid.units import HERTZ, RADIANS, FrequencyUnit
 
 if TYPE_CHECKING:
-    from dynid.result import Result
     from dynid.scene.load import Scene
 
 _DESIGN = "bond_graph/design"

@@ -45,10 +45,10 @@ from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.notation import short
 from dynid.report.scenes import scene_of, scene_of_text
 from dynid.report.svg import SMALL, Svg
+from dynid.result import Result
 from dynid.scene.schema.raw import MULTIPORTS, PORT
 
 if TYPE_CHECKING:
-    from dynid.result import Result
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import NodeModel
     from dynid.scene.schema.identification import IdentificationScene

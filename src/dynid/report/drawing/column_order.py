@@ -26,7 +26,7 @@ _STARTS, _SWEEPS = 8, 12
 
 
 def ranks(graph: Graph, first: int, last: int) -> dict[int, int]:
-    """Return the column of every vertex of a connected graph between two of them, neighbours in different ones."""
+    """Return the column of every vertex between two of a connected graph, neighbours in different ones."""
     network = _biconnected(graph, (first, last))
     potential = _potentials(network, first, last)
     before = {v: [u for u in near if potential[u] < potential[v]] for v, near in graph.items()}

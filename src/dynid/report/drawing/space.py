@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,11 +15,8 @@ from dynid.arrays import Array
 from dynid.report.drawing.structure import pin, plane_geometry
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
 from dynid.report.svg import SMALL, Point, Svg, path_of, text_width
+from dynid.result import Result
 from dynid.structure.geometry import outer_lines
-
-if TYPE_CHECKING:
-    from dynid.result import Result
-
 
 GROUP = "structure/geometry"
 #: Azimuth and elevation of the eye, degrees.
@@ -79,7 +75,7 @@ class Space:
         return np.asarray(points @ self.view.T)
 
     def polylines(self, mode: int | None = None, limit: int = _MOST) -> list[tuple[Array, Array]]:
-        """Return lines at rest, and their displacements in a mode, on the paper; those of beams bend (Hermite).
+        """Return lines at rest, and their displacements in a mode, on the paper; beams bend (Hermite).
 
         Of more than so many lines, the outer ones.
         """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from dynid.report.drawing.structure_scene import (
     Attachments,
@@ -16,11 +15,8 @@ from dynid.report.drawing.structure_scene import (
 from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.scenes import scene_of
 from dynid.report.svg import SMALL, Point, Svg, text_width
+from dynid.result import Result
 from dynid.structure.labels import node_direction, unsigned
-
-if TYPE_CHECKING:
-    from dynid.result import Result
-
 
 #: Most masses of a chain, and most nodes, that are drawn.
 MASSES, NODES = 40, 2000
