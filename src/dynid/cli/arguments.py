@@ -28,6 +28,12 @@ def among(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.
     return lambda context, parameter, begun: [name for name in names() if name.startswith(begun)]  # noqa: ARG005
 
 
+def set_option(subject: str) -> Callable[[Any], Any]:
+    """Return the option that sets values of a scene or a study."""
+    text = f"Set a value of the {subject}; repeatable."
+    return click.option("--set", "overrides", multiple=True, metavar="PATH=VALUE", help=text)
+
+
 def refuse_unknown(name: str, names: Collection[str], what: str, remedy: str = "") -> None:
     """Refuse a name that is not among the known ones, and suggest the nearest one.
 

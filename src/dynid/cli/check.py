@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dynid.cli.arguments import set_option
 from dynid.errors import DynidError, Fault, FileError, SceneError
 
 if TYPE_CHECKING:
@@ -16,9 +17,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("scenes", nargs=-1, required=True, type=click.Path())
 @click.option("--explain", "explaining", is_flag=True, help="Report causality, identifiability and cost.")
-@click.option(
-    "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scenes; repeatable."
-)
+@set_option("scenes")
 @click.option("-q", "--quiet", is_flag=True, help="Print only faults and warnings.")
 def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...], quiet: bool) -> int:
     """Read and check scenes without running them.

@@ -155,39 +155,30 @@ def showing_study(quiet: bool) -> Iterator[Report | None]:
 
         console = Console(file=terminal())
         with Bar(BarColumn(), TextColumn("{task.description}"), console=console, transient=True) as bar:
-            yield _Bar(console, bar)
+            yield _StudyProgress(console, bar)
     else:
-        yield _Lines()
+        yield _StudyProgress()
 
 
-class _Lines:
-    """Progress as a plain line every ten seconds, and one at the end."""
+class _StudyProgress:
+    """Progress as a bar on a terminal, else as a plain line every ten seconds and one at the end."""
 
-    def __init__(self) -> None:
-        self._rate = Rate()
-        self._next = 0.0
+    def __init__(self, console: Console | None = None, bar: Bar | None = None) -> None:
+        self.console, self._bar = console, bar
+        self._rate, self._next = Rate(), 0.0
+        if bar is not None:
+            self._task = bar.add_task("", total=None)
 
     def __call__(self, progress: Progress) -> None:
         now = time.monotonic()
         self._rate.add(now, progress.finished)
-        if now >= self._next or progress.finished == progress.total:
-            click.echo(progress_text(progress, self._rate.per_second), err=True)
-            self._next = now + _SECONDS
-
-
-class _Bar:
-    """Progress as a bar on a terminal."""
-
-    def __init__(self, console: Console, bar: Bar) -> None:
-        self.console = console
-        self._bar = bar
-        self._rate = Rate()
-        self._task = bar.add_task("", total=None)
-
-    def __call__(self, progress: Progress) -> None:
-        self._rate.add(time.monotonic(), progress.finished)
         text = progress_text(progress, self._rate.per_second)
-        self._bar.update(self._task, total=progress.total, completed=progress.finished, description=text)
+        if self._bar is not None:
+            total, finished = progress.total, progress.finished
+            self._bar.update(self._task, total=total, completed=finished, description=text)
+        elif now >= self._next or progress.finished == progress.total:
+            click.echo(text, err=True)
+            self._next = now + _SECONDS
 
 
 def noticing(study: str, report: Report | None) -> Notice:
@@ -195,7 +186,7 @@ def noticing(study: str, report: Report | None) -> Notice:
 
     def notice(text: str) -> None:
         line = printable(f"{study}: warning: {text}")
-        if isinstance(report, _Bar):
+        if isinstance(report, _StudyProgress) and report.console is not None:
             report.console.print(line, markup=False, highlight=False, soft_wrap=True)
         else:
             click.echo(line, err=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +15,15 @@ from dynid.errors import FileError, UsageError
 if TYPE_CHECKING:
     from dynid.result import Result
     from dynid.store.tables import ExportTable
+
+
+@contextmanager
+def _opened(file: str) -> Iterator[Result]:
+    """Open a result, also of an interrupted study; of a study only what is used is read."""
+    from dynid.store import loaded, open_stored
+
+    with open_stored(file, partial=True) as stored:
+        yield stored if stored.kind == "study" else loaded(stored)
 
 
 @click.command()
@@ -27,11 +38,8 @@ def show(file: str, everything: bool, trace: bool, as_json: bool) -> int:
     For an interrupted study, the finished samples are summarized.
     """
     from dynid.cli.screen import contents, summary
-    from dynid.store import loaded, open_stored
 
-    # Of a study only what the screen needs is read; it may be one that was interrupted.
-    with open_stored(file, partial=True) as stored:
-        result = stored if stored.kind == "study" else loaded(stored)
+    with _opened(file) as result:
         if as_json:
             from dynid.report.content import warnings
             from dynid.store.export import answer_json
@@ -55,14 +63,13 @@ def report(file: str, output: str | None, quiet: bool) -> int:
     The report is one file that needs no network. For an interrupted study, it shows the finished samples.
     """
     from dynid.cli.progress import showing
-    from dynid.store import loaded, open_stored
 
     target = output or f"{Path(file).stem}.html"
     if is_same(target, file):
         raise UsageError(f"the page would overwrite the result {file}", remedy="Name another file with -o.")
     refuse_missing_folders(target)
-    with showing(quiet), open_stored(file, partial=True) as stored:
-        write_page(stored if stored.kind == "study" else loaded(stored), target)
+    with showing(quiet), _opened(file) as result:
+        write_page(result, target)
     if not quiet:
         click.echo(f"wrote {target}")
     return 0
@@ -99,12 +106,9 @@ def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listi
     from dynid.progress import tracked
     from dynid.report import figures
     from dynid.report.figure import as_file
-    from dynid.store import loaded, open_stored
 
-    with open_stored(file, partial=True) as stored:
-        by_name = {
-            figure.name: figure for figure in figures(stored if stored.kind == "study" else loaded(stored))
-        }
+    with _opened(file) as result:
+        by_name = {figure.name: figure for figure in figures(result)}
         if listing:
             width = max(map(len, by_name), default=0)
             for figure in by_name.values():
@@ -120,13 +124,7 @@ def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listi
         with showing(quiet):
             for figure, target in zip(tracked(chosen, "figure"), targets, strict=True):
                 content = as_file(figure.svg, form)
-                try:
-                    target.parent.mkdir(parents=True, exist_ok=True)
-                except OSError as error:
-                    raise FileError(
-                        f"{target.parent} cannot be made a folder: {error.strerror}",
-                        remedy="Name another with -o.",
-                    ) from error
+                _made(folder, parents=True)
                 replace_file(target, content)
     if not quiet:
         click.echo("\n".join(f"wrote {target}" for target in targets))
@@ -353,11 +351,10 @@ def _refuse_overwriting(output: str, file: str) -> None:
     refuse_missing_folders(output)
 
 
-def _made(folder: Path) -> Path:
+def _made(folder: Path, parents: bool = False) -> Path:
     try:
-        folder.mkdir(exist_ok=True)
+        folder.mkdir(parents=parents, exist_ok=True)
     except OSError as error:
-        raise FileError(
-            f"{folder} cannot be made a folder: {error.strerror or error}", names=[str(folder)]
-        ) from None
+        problem = f"{folder} cannot be made a folder: {error.strerror or error}"
+        raise FileError(problem, remedy="Name another with -o.", names=[str(folder)]) from None
     return folder

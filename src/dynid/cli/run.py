@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from dynid.cli.arguments import refuse_missing_folders, refuse_overwriting, writes_junit
+from dynid.cli.arguments import refuse_missing_folders, refuse_overwriting, set_option, writes_junit
 from dynid.errors import DynidError, FileError, NumericalError, UsageError
 
 if TYPE_CHECKING:
@@ -27,12 +29,19 @@ class LocatedError(DynidError):
         self.exit_code, self.result = error.exit_code, error.result
 
 
+@contextmanager
+def _locating(scene: Scene) -> Iterator[None]:
+    """Locate errors of the run in its scene."""
+    try:
+        yield
+    except (NumericalError, UsageError, FileError) as error:
+        raise LocatedError(scene, error) from error
+
+
 @click.command()
 @click.argument("scene", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), help="The HDF5 file to write; default ./<scene>.h5.")
-@click.option(
-    "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
-)
+@set_option("scene")
 @click.option(
     "--junit", type=click.Path(), help="Write the outcome of the expectations, or an error, as JUnit XML."
 )
@@ -131,15 +140,13 @@ def compute(scene: Scene, listener: Listener, *, accuracy: bool) -> Result:
     """Run a scene, with the table of alternatives if requested; errors are located in the scene."""
     from dynid.scene.run import run_scene
 
-    try:
+    with _locating(scene):
         result = run_scene(scene)
         if accuracy or getattr(scene.model, "accuracy", None) is not None:
             from dynid.bench.scenes import add_accuracy
 
             add_accuracy(result, scene, progress=listener)
-        return result
-    except (NumericalError, UsageError, FileError) as error:
-        raise LocatedError(scene, error) from error
+    return result
 
 
 def checked_expectations(scene: Scene, result: Result, junit: str | None) -> list[CheckOutcome]:
@@ -188,9 +195,7 @@ def report_expectations(scene: Scene, outcomes: list[CheckOutcome], quiet: bool)
     metavar="N",
     help="Number of sines; default: as many as the scene has if all its forces are sines, else 3.",
 )
-@click.option(
-    "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
-)
+@set_option("scene")
 @click.option("-q", "--quiet", is_flag=True, help="Print only errors.")
 def plan(
     scene: str,
@@ -218,11 +223,8 @@ def plan(
     if output:
         refuse_overwriting(scene, output, None)
         refuse_missing_folders(output)
-    try:
-        with showing(quiet):
-            result = run_plan(loaded, sensors, lines)
-    except (NumericalError, UsageError, FileError) as error:
-        raise LocatedError(loaded, error) from error
+    with _locating(loaded), showing(quiet):
+        result = run_plan(loaded, sensors, lines)
     if output:
         from dynid.store import write_result
 

@@ -111,27 +111,29 @@ def doctor() -> int:
     required, extras = _requirements()
     broken = []
     for name in required:
-        fault = _import_fault(_MODULES.get(name, name))
-        echo(f"  {name:<18} {_version(name) or 'MISSING'}{f' ({fault})' if fault else ''}")
-        broken += [name] if fault else []
+        cause = _import_fault(_MODULES.get(name, name))
+        echo(f"  {name:<18} {_version(name) or 'MISSING'}{f' ({cause})' if cause else ''}")
+        broken += [name] if cause else []
     click.echo("")
     for extra, use in _EXTRAS.items():
         lacking = [name for name in extras.get(extra, ()) if not _version(name)]
         state = f"not installed: pip install 'dynid[{extra}]'" if lacking else "installed"
         echo(f"  {extra:<18} {use}: {state}")
     click.echo("")
-    unwritable = []
-    for what, folder, variable in _folders():
-        fault = _unwritable(folder)
-        echo(f"  {what:<18} {folder}{f' (not writable: {fault})' if fault else ''}")
-        unwritable += [(what, variable)] if fault else []
+    folder = tempfile.gettempdir()
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            fault = ""
+    except OSError as error:
+        fault = error.strerror or str(error)
+    echo(f"  {'temporary files':<18} {folder}{f' (not writable: {fault})' if fault else ''}")
     echo(f"  {'compiled library':<18} {_library()}")
     click.echo(f"  {'threads':<18} {os.environ['OPENBLAS_NUM_THREADS']} for linear algebra\n")
     for name in broken:
         click.echo(f"  problem: {name} cannot be loaded: pip install --force-reinstall {name}")
-    for what, variable in unwritable:
-        click.echo(f"  problem: no folder for {what}: set {variable} to one that is writable")
-    if not broken and not unwritable:
+    if fault:
+        click.echo("  problem: no folder for temporary files: set TMPDIR to one that is writable")
+    if not broken and not fault:
         click.echo("  no problems found")
     return 3 if broken else 0
 
@@ -175,20 +177,6 @@ def _library() -> str:
     if loaded is None:
         return "absent, NumPy is used, which is slower: install dynid again where there is a C compiler"
     return f"{loaded._name}, made when dynid was installed: no run compiles anything"
-
-
-def _folders() -> Iterator[tuple[str, Path, str]]:
-    """Yield folders that dynid writes to unasked: their use, place, and the variable that sets it."""
-    yield "temporary files", Path(tempfile.gettempdir()), "TMPDIR"
-
-
-def _unwritable(folder: Path) -> str:
-    """Return the reason why no file can be written to a folder, or ''."""
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            return ""
-    except OSError as error:
-        return error.strerror or str(error)
 
 
 #: Template that is generated, of any number of stages.

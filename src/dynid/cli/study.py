@@ -17,6 +17,7 @@ from dynid.cli.arguments import (
     refuse_missing_folders,
     refuse_overwriting,
     report_in_junit,
+    set_option,
     writes_junit,
 )
 from dynid.errors import UsageError
@@ -52,9 +53,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: float | None) ->
 @click.command()
 @click.argument("study", type=click.Path())
 @click.option("-o", "--output", type=click.Path(), help="The HDF5 file to write; default ./<study>.h5.")
-@click.option(
-    "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the study; repeatable."
-)
+@set_option("study")
 @click.option(
     "--executor",
     type=click.Choice(["serial", "processes", "dask"]),

@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dynid.cli.arguments import refuse_missing_folders, refuse_overwriting
+from dynid.cli.arguments import refuse_missing_folders, refuse_overwriting, set_option
 from dynid.errors import DynidError, UsageError
 
 if TYPE_CHECKING:
     from dynid.result import Result
     from dynid.scene.load import Scene
-    from dynid.study.plan import Plan
 
 #: Longest text of a scene that may be the name of a file, and depth to which scenes name scenes.
 _NAME_LENGTH, _DEPTH = 1000, 4
@@ -35,36 +34,31 @@ def files_of(scene: str) -> list[Path]:
 
     Files that cannot be read are skipped: a scene with faults is watched, too.
     """
-    files: dict[Path, None] = {}
-    _collect_files(Path(scene), files, _DEPTH)
-    return list(files)
-
-
-def _collect_files(file: Path, files: dict[Path, None], depth: int) -> None:
     from dynid.scene.yaml.source import read_source
 
-    files[file] = None
-    if not depth:
-        return
-    try:
-        stack = [read_source(file).data]
-    except DynidError:
-        return
-    while stack:
-        item = stack.pop()
-        if isinstance(item, (dict, list)):
-            stack += item.values() if isinstance(item, dict) else item
-        if not isinstance(item, str) or not 0 < len(item) <= _NAME_LENGTH:
-            continue
-        path = file.parent / item
+    files: dict[Path, None] = {}
+
+    def collect(file: Path, depth: int) -> None:
+        files[file] = None
         try:
-            is_new = path not in files and path.is_file()
-        except (OSError, ValueError):  # no possible name of a file
-            continue
-        if is_new:
-            files[path] = None
-            if path.suffix in (".yaml", ".yml"):
-                _collect_files(path, files, depth - 1)
+            stack = [read_source(file).data] if depth else []
+        except DynidError:
+            return
+        while stack:
+            item = stack.pop()
+            if isinstance(item, (dict, list)):
+                stack += item.values() if isinstance(item, dict) else item
+            if not isinstance(item, str) or not 0 < len(item) <= _NAME_LENGTH:
+                continue
+            path = file.parent / item
+            is_new = False
+            with suppress(OSError, ValueError):  # no possible name of a file
+                is_new = path not in files and path.is_file()
+            if is_new:
+                collect(path, depth - 1 if path.suffix in (".yaml", ".yml") else 0)
+
+    collect(Path(scene), _DEPTH)
+    return list(files)
 
 
 def stamp(files: list[Path]) -> _Stamp:
@@ -82,19 +76,7 @@ def stamp(files: list[Path]) -> _Stamp:
 
 @dataclass(frozen=True)
 class Notice:
-    """Content of the live page.
-
-    Parameters
-    ----------
-    page
-        HTML of the last good result.
-    version
-        Number of the last good result.
-    fault
-        Faults of the scene as it is now; empty if it is valid.
-    running
-        The scene is being run.
-    """
+    """Content of the live page: HTML and number of the last good result, faults of the scene as it is."""
 
     page: str = ""
     version: int = 0
@@ -132,45 +114,30 @@ FIRST, MOST, SECONDS = 6, 1000, 4.0
 
 
 def previews(study: Scene, target: Path) -> Iterator[str]:
-    """Run a few samples of a study into a file, then more if they are fast; yield a note each time.
+    """Run a few samples of a checked study into a file, then more if they are fast.
 
-    Parameters
-    ----------
-    study
-        The study, checked.
-    target
-        The file, which holds the finished samples at every yield.
-
-    Yields
-    ------
-    str
-        Which samples were run; empty for all.
+    Yields each time, with the finished samples in the file, which samples were run; empty for all.
     """
+    from dynid.study.executors import make_executor
     from dynid.study.plan import make_plan
+    from dynid.study.run import run_study, shard_of
 
     plan, started = make_plan(study), time.perf_counter()
-    count = _run(plan, target, FIRST)
-    yield _preview_note(plan, count)
+
+    def run(limit: int) -> tuple[int, str]:
+        """Run at most so many samples that the file does not hold; return how many it has, and the note."""
+        shard = (1, -(-plan.size // limit))
+        run_study(plan, target, make_executor("serial"), shard=shard, force=True)
+        count = len(shard_of(plan, shard))
+        part = f"{count:,} of {plan.size:,} samples, evenly over the plan; dynid study runs them all."
+        return count, f"Preview: {part}" if count < plan.size else ""
+
+    count, note = run(FIRST)
+    yield note
     duration = (time.perf_counter() - started) / count
     enough = min(plan.size, MOST, int(SECONDS / duration))
     if enough >= 2 * count or count < plan.size <= enough:
-        yield _preview_note(plan, _run(plan, target, enough))
-
-
-def _run(plan: Plan, target: Path, limit: int) -> int:
-    """Run at most so many samples of a plan that the file does not hold; return the size of the shard."""
-    from dynid.study.executors import make_executor
-    from dynid.study.run import run_study, shard_of
-
-    shard = (1, -(-plan.size // limit))
-    run_study(plan, target, make_executor("serial"), shard=shard, force=True)
-    return len(shard_of(plan, shard))
-
-
-def _preview_note(plan: Plan, count: int) -> str:
-    if count == plan.size:
-        return ""
-    return f"Preview: {count:,} of {plan.size:,} samples, evenly over the plan; dynid study runs them all."
+        yield run(enough)[1]
 
 
 #: Seconds between two comments on an idle event stream, which keep the connection open.
@@ -308,18 +275,9 @@ _POLL = 0.15
 
 
 class Watch:
-    """Rerun of a scene whenever one of its files changes.
+    """Rerun of a scene, with values set, whenever one of its files changes.
 
-    Parameters
-    ----------
-    scene
-        The scene's file.
-    overrides
-        Values to set, PATH=VALUE.
-    output
-        The HDF5 file of the last good result; None for no file.
-    board
-        The notice that the page shows.
+    The last good result is written to an output file, if any, and shown by the board's notice.
     """
 
     def __init__(self, scene: str, overrides: Sequence[str], output: str | None, board: Board) -> None:
@@ -411,9 +369,7 @@ class Watch:
     help="The port of the page; default a free one.",
 )
 @click.option("--no-browser", is_flag=True, help="Open no browser; the address is printed.")
-@click.option(
-    "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
-)
+@set_option("scene")
 @click.option("-o", "--output", type=click.Path(), help="Also write the last good result to this HDF5 file.")
 def watch(scene: str, port: int, no_browser: bool, overrides: tuple[str, ...], output: str | None) -> int:
     """Rerun a scene whenever it or a file that it reads changes, with a live report in the browser.

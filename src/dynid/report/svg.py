@@ -9,6 +9,7 @@ Okabe & Ito (2008), which colour-blind readers can distinguish, lightened for th
 
 from __future__ import annotations
 
+import math
 import re
 import unicodedata
 from collections.abc import Iterable
@@ -208,6 +209,19 @@ class Svg:
     def polygon(self, *points: Point, cls: str = "solid", **attrs: str | float) -> None:
         """Draw a closed polygon."""
         self.element("path", cls, d=path_of(points, closed=True), **attrs)
+
+    def arrow(self, *points: Point, cls: str, head: str, size: Point = (9.0, 4.0), heads: int = 1) -> None:
+        """Draw a line that ends with filled heads, one behind another, of a length and half a width."""
+        (x1, y1), (x2, y2) = points[-2:]
+        distance, (length, half) = max(math.hypot(x2 - x1, y2 - y1), 1e-9), size
+        dx, dy = (x2 - x1) / distance, (y2 - y1) / distance
+        # The line ends within the head.
+        self.line(*points[:-1], (x2 - 0.5 * length * dx, y2 - 0.5 * length * dy), cls=cls)
+        for k in range(heads):
+            x, y = x2 - 7 * k * dx, y2 - 7 * k * dy
+            base = (x - length * dx, y - length * dy)
+            sides = [(base[0] - side * dy, base[1] + side * dx) for side in (half, -half)]
+            self.polygon((x, y), *sides, cls=head)
 
     def rect(
         self, x: float, y: float, width: float, height: float, cls: str = "frame", **attrs: str | float

@@ -7,7 +7,6 @@ expectations, model scope, undecided verdicts.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from dynid.number_format import counted
 from dynid.report.content.bench import alternative_sections
@@ -21,6 +20,8 @@ _NAMES, _LINE, _PARTS = 200, 106, 59
 #: Arrays of warnings.
 _OF_GRAPH = ("bond_graph/warnings", "bond_graph/design/warnings")
 _OF_IDENTIFICATION = "identification/diagnostics/warnings"
+#: Parts of models in words, by kind of result.
+_PARTS_IN_WORDS = {("", "storages"): "storage elements", ("identification", "engines"): "estimation methods"}
 #: Content of results that are of no kind of scene.
 _OTHERS = {
     "plan": "dynid.report.content.plan",
@@ -28,37 +29,20 @@ _OTHERS = {
 }
 
 
-def _module(result: Result) -> Any:
-    """Return the module with the content of results of a kind; None for an unknown kind."""
-    kind = KINDS.get(result.kind)
-    return kind.load("content") if kind else resolve(_OTHERS.get(result.kind, ""))
-
-
 def content(result: Result) -> Content:
     """Return the content of the report of a result; of an unknown kind, its name only."""
-    module = _module(result)
+    kind = KINDS.get(result.kind)
+    module = kind.load("content") if kind else resolve(_OTHERS.get(result.kind, ""))
     if module is None:
         return Content(result.kind)
     sections: list[ReportSection] = [
         *module.sections(result),
-        *doubtful(result),
-        *expectations(result),
-        *need(result),
+        *_undecided(result),
+        *_expectations(result),
+        *_scope(result),
         *alternative_sections(result),
     ]
     return Content(str(module.method(result)), tuple(sections))
-
-
-def method(result: Result) -> str:
-    """Return the kind of analysis and its method; of an unknown kind, its name."""
-    module = _module(result)
-    return result.kind if module is None else str(module.method(result))
-
-
-def doubts(result: Result) -> list[str]:
-    """Return the warnings of verdicts that round-off leaves undecided, each once."""
-    texts = (str(attrs["doubt"]) for attrs in result.group_attrs.values() if "doubt" in attrs)
-    return list(dict.fromkeys(f"warning: {sentence}" for sentence in texts))
 
 
 def warnings(result: Result) -> list[str]:
@@ -79,14 +63,15 @@ def without_warnings(result: Result) -> Result:
     return shown
 
 
-def doubtful(result: Result) -> Iterator[ReportSection]:
+def _undecided(result: Result) -> Iterator[ReportSection]:
     """Yield the verdicts that round-off leaves undecided."""
-    if texts := doubts(result):
-        statements = tuple(Statement(text, "bad") for text in texts)
+    texts = dict.fromkeys(str(attrs["doubt"]) for attrs in result.group_attrs.values() if "doubt" in attrs)
+    if texts:
+        statements = tuple(Statement(f"warning: {text}", "bad") for text in texts)
         yield ReportSection("Undecided verdicts", statements, "answer", screen="")
 
 
-def expectations(result: Result) -> Iterator[ReportSection]:
+def _expectations(result: Result) -> Iterator[ReportSection]:
     """Yield the expectations of the scene, checked again; nothing where its scene cannot be read."""
     text = str(result.attrs.get("scene", ""))
     if "expect" not in text or result.attrs.get("status") == "interrupted" or result.kind == "plan":
@@ -112,15 +97,7 @@ def expectations(result: Result) -> Iterator[ReportSection]:
         yield ReportSection("Expectations in full", (table,))
 
 
-def part_name(result: Result, name: str) -> str:
-    """Return the name of a part of the model in words."""
-    names = {"storages": "storage elements"}
-    if result.kind == "identification":
-        names["engines"] = "estimation methods"
-    return names.get(name, name)
-
-
-def need(result: Result) -> Iterator[ReportSection]:
+def _scope(result: Result) -> Iterator[ReportSection]:
     """Yield the parts of the scene that the model includes and omits, with the reasons."""
     group = next((path.rpartition("/")[0] for path in result if path.endswith("/need/part")), None)
     if group is None:
@@ -130,7 +107,8 @@ def need(result: Result) -> Iterator[ReportSection]:
     ]
     rows, brief, full = [], [], []
     for section, kept, left, listed, why in zip(*columns, strict=True):
-        name, names = part_name(result, str(section)), str(listed) if len(str(listed)) < _NAMES else ""
+        names = str(listed) if len(str(listed)) < _NAMES else ""
+        name = _PARTS_IN_WORDS.get((result.kind, section)) or _PARTS_IN_WORDS.get(("", section), str(section))
         rows.append((name, f"{int(kept):,}", f"{int(left):,}", names, str(why)))
         if left:
             brief.append(f"{left:,} of {kept + left:,} {name}")

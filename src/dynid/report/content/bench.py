@@ -120,9 +120,8 @@ def benchmark_rows(result: Result, group: str, name: str) -> Iterator[BenchmarkR
     names = ("size", "time", "memory", "error", "pareto", "default")
     columns = [result[f"{group}/{name}/{column}"].data for column in names]
     for size, time, memory, error, best, default in zip(*columns, strict=True):
-        yield BenchmarkRow(
-            int(size), name, float(time), float(memory), float(error), bool(best), bool(default)
-        )
+        costs = (float(time), float(memory), float(error))
+        yield BenchmarkRow(int(size), name, *costs, bool(best), bool(default))
 
 
 def better_peers(result: Result, group: str) -> str:

@@ -27,11 +27,9 @@ from dynid.report.content.responses import response_sections
 from dynid.report.content.transfer_functions import (
     approximate,
     channel_sections,
-    delays_text,
-    energy_lines,
-    source_lines,
-    sources_title,
+    energy_sections,
 )
+from dynid.report.notation import texts
 from dynid.report.scenes import frequency_unit, in_hertz, time_courses
 from dynid.result import Result
 
@@ -61,7 +59,8 @@ def method(result: Result) -> str:
 
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of a bond graph."""
-    warnings, delays = _texts(result, "bond_graph/warnings"), delays_text(result)
+    warnings = texts(result, "bond_graph/warnings")
+    delays = str(result.group_attrs.get("bond_graph", {}).get("delays", ""))  # what is approximate with them
     if warnings:
         yield ReportSection("Warnings", tuple(Statement(text, "bad") for text in warnings), "answer")
     yield from _operating_point(result)
@@ -75,37 +74,24 @@ def sections(result: Result) -> Iterator[ReportSection]:
         *channel_sections(result),
         *_loops(result),
         *_port(result),
-        *_energy_and_sources(result),
+        *energy_sections(result),
         *_state_equations(result),
         *response_sections(result, "bond_graph"),
-        *_linear_range(result),
     ]
+    if facts := tuple(_nonlinear_facts(result)):
+        answers.append(ReportSection("Range of the linear response", facts, screen=""))
     yield from answers
     for section in (*causality_sections(result), *_reduction(result)):
         # Where nothing else is requested, the derivations are the answer.
         yield section if answers else replace(section, detail="")
-    yield from _graph(result, [*([delays] if delays else [])], warnings)
-
-
-def _texts(result: Result, path: str) -> list[str]:
-    return [str(text) for text in result[path].data] if path in result else []
-
-
-def _energy_and_sources(result: Result) -> Iterator[ReportSection]:
-    """Yield where the modes have their energy, and what the sources give."""
-    for title, lines in (
-        ("Energy of the modes", energy_lines(result)),
-        (sources_title(result, "Sources"), source_lines(result)),
-    ):
-        if rows := [(name, (text,)) for name, text in lines]:
-            yield ReportSection(title, (definitions(*rows),), screen=title.lower())
+    yield from _graph(result, [delays] if delays else [], warnings)
 
 
 def _state_equations(result: Result) -> Iterator[ReportSection]:
     """Yield the state equations; on screens if they are few."""
     group = "bond_graph/state_space"
     names = ("definitions", "equations", "output_equations")
-    lines = [line for name in names for line in _texts(result, f"{group}/{name}")]
+    lines = [line for name in names for line in texts(result, f"{group}/{name}")]
     if lines:
         title = f"tate equations{approximate(result, f'{group}/A')}"
         brief = _STATES if len(lines) <= _STATES else 0
@@ -126,7 +112,7 @@ def _graph(result: Result, remarks: list[str], warnings: list[str]) -> Iterator[
     if engine not in ("", "exact"):
         blocks.append(Statement(str(about.get("engine_limits", ""))))
     blocks += (on_screen(Statement(text)) for text in remarks)
-    blocks += map(Statement, _texts(result, "bond_graph/approximations"))
+    blocks += map(Statement, texts(result, "bond_graph/approximations"))
     if about.get("reading") == "binary":
         blocks.append(Statement("every value is read as the double nearest to it (reading: binary)"))
     blocks += (on_screen(Statement(f"warning: {text}", "bad")) for text in warnings)
@@ -223,12 +209,6 @@ def _operating_point(result: Result) -> Iterator[ReportSection]:
     yield ReportSection("Operating point in full", _with_rows(full))
 
 
-def _linear_range(result: Result) -> Iterator[ReportSection]:
-    """Yield how far the nonlinear response is from the linear one."""
-    if facts := tuple(_nonlinear_facts(result)):
-        yield ReportSection("Range of the linear response", facts, screen="")
-
-
 def _with_rows(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
     """Return the nodes without tables that have no rows."""
     return tuple(block for block in blocks if not isinstance(block, TextTable) or block.rows)
@@ -239,29 +219,18 @@ def _margin_texts(result: Result, loop: int) -> dict[str, str]:
 
     None of them is defined where the closed loop is not stable: its S and T are of no steady response.
     """
-    unit, texts = frequency_unit(result), {}
+    unit, margins = frequency_unit(result), {}
     stable = bool(result["bond_graph/margins/stable"].data[loop])
     for name, (sign, crossover) in _MARGINS.items():
         size, where = float(result[f"bond_graph/margins/{name}"].data[loop]), ""
         if np.isnan(size) or not stable:
-            texts[name] = "undecided" if stable else "not defined"
+            margins[name] = "undecided" if stable else "not defined"
             continue
         if crossover:
             at = float(result[f"bond_graph/margins/{crossover}"].data[loop]) * unit.factor
             where = f" at {at:.4g} {unit.name}" if np.isfinite(at) else " at high frequencies"
-        texts[name] = f"{size:.4g}{sign}{where}" if np.isfinite(size) else "∞"
-    return texts
-
-
-def _undecided_margins(result: Result) -> list[str]:
-    """Return by loop why margins are undecided; '' where none is."""
-    group = "bond_graph/margins"
-    count = len(result[f"{group}/loop"].data)
-    return (
-        [str(text) for text in result[f"{group}/undecided"].data]
-        if f"{group}/undecided" in result
-        else [""] * count
-    )
+        margins[name] = f"{size:.4g}{sign}{where}" if np.isfinite(size) else "∞"
+    return margins
 
 
 def _loops(result: Result) -> Iterator[ReportSection]:
@@ -270,7 +239,7 @@ def _loops(result: Result) -> Iterator[ReportSection]:
     if f"{group}/loop" not in result:
         return
     names, stabilities, stable = (result[f"{group}/{name}"].data for name in ("loop", "stability", "stable"))
-    reasons = _undecided_margins(result)
+    reasons = texts(result, f"{group}/undecided") or [""] * len(names)
     rows = tuple(
         (str(loop), *_margin_texts(result, k).values(), str(stabilities[k]).partition(":")[0])
         for k, loop in enumerate(names)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from dynid.number_format import counted, general, unit_text
 from dynid.report.content.blocks import ReportSection, Statement, TextTable
+from dynid.report.notation import texts
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
@@ -20,7 +21,7 @@ _ROOTS, _NAMES, _REACHED = (
 
 def _parameter_table(result: Result) -> TextTable:
     """Return the table of the free parameters: start, value, limits, values of other designs."""
-    others = list(map(str, result[f"{DESIGN}/compared/design"].data)) if compares(result) else []
+    others = texts(result, f"{DESIGN}/compared/design")
     values = (
         result[f"{DESIGN}/compared/value"].data.T if others else [()] * len(result[f"{DESIGN}/name"].data)
     )
@@ -41,19 +42,9 @@ def _parameter_table(result: Result) -> TextTable:
 def _target_table(result: Result) -> TextTable:
     """Return the table of the targets: wanted, at the start, reached, and by other designs."""
     group, unit = f"{DESIGN}/targets", frequency_unit(result)
-    get = {
-        column: result[f"{group}/{column}"].data
-        for column in (
-            *_NAMES,
-            "wanted",
-            "wanted_damping",
-            "damping_wanted",
-            "start",
-            "start_damping",
-            *_REACHED,
-        )
-    }
-    others = list(map(str, result[f"{DESIGN}/compared/design"].data)) if compares(result) else []
+    columns = (*_NAMES, "wanted", "wanted_damping", "damping_wanted", "start", "start_damping", *_REACHED)
+    get = {column: result[f"{group}/{column}"].data for column in columns}
+    others = texts(result, f"{DESIGN}/compared/design")
     rows = []
     for k, kind in enumerate(get["kind"]):
         channel = f"{get['output'][k]} / {get['input'][k]}"
@@ -86,11 +77,6 @@ def _root(omega: float, damping: float, factor: float, damped: bool) -> str:
     if math.isinf(omega):
         return "none"
     return f"{factor * omega:.6g}{f', {damping:.4g}' if damped else ''}"
-
-
-def compares(result: Result) -> bool:
-    """Return True if other designs are reported beside."""
-    return f"{DESIGN}/compared/design" in result
 
 
 def statements(result: Result) -> Iterator[Statement]:

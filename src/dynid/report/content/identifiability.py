@@ -101,19 +101,6 @@ def _interchangeable(result: Result) -> Iterator[Statement]:
     yield Statement(text, "bad", f"{sets}:")
 
 
-def _modal_heading(result: Result) -> str:
-    """Return the heading of the table of `_modal_shifts`."""
-    if all(_letter(name) for name in result[f"{GROUP}/modal_sensitivity/parameter"].data):
-        return (
-            "modal sensitivities: relative change of ω_n per +1 % of k; "
-            "change of ζ, in percentage points, per +1 % of c"
-        )
-    return (
-        "modal sensitivities per +1 % of each parameter: relative change of ω_n; "
-        "change of ζ, in percentage points"
-    )
-
-
 def _letter(name: str) -> str:
     """Return k or c of a joint's parameter; empty for others, which may change frequency and damping."""
     name = re.sub(r"\.r?[xyz]$", "", str(name))  # the direction of a joint between points
@@ -149,7 +136,14 @@ def _modal_shifts(result: Result) -> TextTable:
         if not joints and any(text != _NO_SHIFT for text in damping):
             rows.append(("", "", "", *damping))
     heads = ("mode", unit.name, "ζ", *(str(names[j]) for j in kept))
-    return TextTable(heads, tuple(rows), caption=_modal_heading(result), noun="mode", brief=8, most=20)
+    caption = (
+        "modal sensitivities: relative change of ω_n per +1 % of k; "
+        "change of ζ, in percentage points, per +1 % of c"
+        if joints
+        else "modal sensitivities per +1 % of each parameter: relative change of ω_n; "
+        "change of ζ, in percentage points"
+    )
+    return TextTable(heads, tuple(rows), caption=caption, noun="mode", brief=8, most=20)
 
 
 def shift_text(percent: float, symbol: str = "") -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -91,9 +92,9 @@ def sections(result: Result) -> Iterator[ReportSection]:
 def _estimate_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the record, the estimates with what is doubtful of them, and the tests of the fit."""
     title = "Record and residuals"
-    yield ReportSection(
-        title, tuple(map(Statement, (_record_summary(result), *preparation(result)))), screen=""
-    )
+    attributes = (attrs for group, attrs in result.group_attrs.items() if _MEASURED in group)
+    prepared = dict.fromkeys(f"prepared: {attrs['prepared']}" for attrs in attributes if "prepared" in attrs)
+    yield ReportSection(title, tuple(map(Statement, (_record_summary(result), *prepared))), screen="")
     verdict, *statements = verdict_statements(result)
     doubts = (statement for statement in statements if statement.tone == "bad")
     yield ReportSection("Parameters", (_parameter_table(result),), "answer", screen="")
@@ -198,6 +199,9 @@ def _parameter_table(result: Result) -> TextTable:
                 else interval(estimate, error, linear[k])
             )
             shown = (with_error(estimate, error), f"{quantity(low, error)} … {quantity(high, error)}")
+        residual_noise: tuple[str, ...] = ()
+        if scaled is not None:
+            residual_noise = (with_error(estimate, scaled[k]) if math.isfinite(scaled[k]) else "-",)
         off = percent(get["error_percent"][k]) if true else "-"
         truth = (quantity(true), off) if compared else ()
         bound_size = float(get["cramer_rao"][k]) if bounded else 0.0
@@ -207,17 +211,13 @@ def _parameter_table(result: Result) -> TextTable:
                 headed(name, get["unit"][k]),
                 quantity(get["start"][k]),
                 *shown,
-                *(() if scaled is None else (_scaled_text(estimate, float(scaled[k])),)),
+                *residual_noise,
                 *truth,
                 *bound,
             )
         )
     heads = ("", "start", "rejected estimate" if result.rejected else "estimate", *bars, *truths)
     return TextTable(heads, tuple(rows), brief=ALL, most=ALL)
-
-
-def _scaled_text(estimate: float, error: float) -> str:
-    return with_error(estimate, error) if math.isfinite(error) else "-"
 
 
 def _record_summary(result: Result) -> str:
@@ -255,14 +255,6 @@ def _record_summary(result: Result) -> str:
     return f"{size}, {record}"
 
 
-def preparation(result: Result) -> Iterator[str]:
-    """Yield the preparation of the records, one line for records with the same steps."""
-    attrs = (attrs for group, attrs in result.group_attrs.items() if _MEASURED in group)
-    yield from dict.fromkeys(
-        f"prepared: {record_attrs['prepared']}" for record_attrs in attrs if "prepared" in record_attrs
-    )
-
-
 def is_rejected(result: Result) -> bool:
     """Return True if an estimate is not converged and rejected, so that its standard errors are invalid."""
     converged = result.get(f"{_DIAGNOSTICS}/converged")
@@ -271,18 +263,22 @@ def is_rejected(result: Result) -> bool:
     return not (is_open(result) or _is_left_to_limits(result))
 
 
+def _flags(result: Result) -> dict[str, Any]:
+    """Return the flags of an estimate, and its redundancy; empty if it is rejected, or lacks one of them."""
+    names = ("converged", "optimum", "explained", "redundancy")
+    if result.rejected or any(f"{_DIAGNOSTICS}/{name}" not in result for name in names):
+        return {}
+    return {name: result.value(f"{_DIAGNOSTICS}/{name}") for name in names}
+
+
 def is_open(result: Result) -> bool:
     """Return True if an estimate lacks no more than parameters that the records leave undetermined.
 
     Those are not identifiable, or interchangeable; the standard errors of the others are valid beside them.
     """
-    flags = [
-        result.get(f"{_DIAGNOSTICS}/{name}") for name in ("converged", "optimum", "explained", "redundancy")
-    ]
-    if result.rejected or any(variable is None for variable in flags):
-        return False
-    converged, optimum, explained, redundancy = (variable.data for variable in flags if variable is not None)
-    return bool(not converged and optimum and explained and redundancy > 0)
+    flags = _flags(result)
+    sound = bool(flags and flags["optimum"] and flags["explained"])
+    return sound and not flags["converged"] and bool(flags["redundancy"] > 0)
 
 
 def _is_left_to_limits(result: Result) -> bool:
@@ -290,12 +286,9 @@ def _is_left_to_limits(result: Result) -> bool:
 
     Its intervals follow from the limits, and are valid if the model is right.
     """
-    decided = result.get(f"{_PARAMETERS}/decided_by")
-    flags = [result.get(f"{_DIAGNOSTICS}/{name}") for name in ("optimum", "explained", "redundancy")]
-    if result.rejected or decided is None or any(flag is None for flag in flags):
-        return False
-    optimum, explained, redundancy = (flag.data for flag in flags if flag is not None)
-    return bool(optimum and explained and redundancy <= 0 and "limits" in decided.data.tolist())
+    flags, decided = _flags(result), result.get(f"{_PARAMETERS}/decided_by")
+    few = bool(flags and flags["optimum"] and flags["explained"] and flags["redundancy"] <= 0)
+    return few and decided is not None and "limits" in decided.data.tolist()
 
 
 def _is_modal(result: Result) -> bool:
@@ -324,7 +317,9 @@ def cautions(result: Result) -> Iterator[str]:
         if signal is not None and not float(signal.data) < SIGNAL.value:
             remedy = "excite more, or measure elsewhere, longer or with less noise"
         elif not result.value(f"{_DIAGNOSTICS}/explained"):
-            priors = "".join(f"the prior of {name}, " for name in _contradicted_priors(result))
+            flags = result.get(f"{_DIAGNOSTICS}/prior_contradicted")
+            names = () if flags is None else result[f"{_DIAGNOSTICS}/parameter"].data[flags.data]
+            priors = "".join(f"the prior of {name}, " for name in names)
             remedy = f"check {priors}model, units, signs and starts, and whether a joint is nonlinear"
         elif redundancy is not None and int(redundancy.data) <= 0:
             more = "modes or sensors" if _is_modal(result) else "channels or excitation frequencies"
@@ -341,14 +336,6 @@ def cautions(result: Result) -> Iterator[str]:
 def _reason(result: Result) -> str:
     """Return why an estimate is not converged."""
     return str(result.value(f"{_DIAGNOSTICS}/verdict")).removeprefix("NOT converged: ")
-
-
-def _contradicted_priors(result: Result) -> list[str]:
-    """Return the parameters whose priors the record contradicts."""
-    flags = result.get(f"{_DIAGNOSTICS}/prior_contradicted")
-    if flags is None:
-        return []
-    return [str(name) for name in result[f"{_DIAGNOSTICS}/parameter"].data[flags.data]]
 
 
 def noise_sentences(result: Result) -> Iterator[str]:
@@ -372,23 +359,19 @@ def noise_sentences(result: Result) -> Iterator[str]:
     yield f"{title}{', '.join(channels[:_CHANNELS])}{', …' if len(channels) > _CHANNELS else ''}"
 
 
-def _rejected_bars(result: Result) -> str:
-    """Return what a rejected result has for error bars."""
-    if result.rejected:
-        return (
-            "the fit does not explain the record: its estimates are no answers, and stand in "
-            "identification/rejected alone; the figures of the fit show where it fails"
-        )
-    return "error bars are not printed: the estimate is not converged (those in the file are nominal)"
-
-
 def _error_bars(result: Result, *, sound: bool) -> Iterator[Statement]:
     """Yield what is to be known of the error bars; `sound`: the residuals give no reason to."""
     if is_open(result):
         if bars := result.group_attrs.get(_PARAMETERS, {}).get("error_bars"):
             yield Statement(f"error bars are {bars}", "bad")
     elif is_rejected(result):
-        yield Statement(_rejected_bars(result), "bad")
+        text = "error bars are not printed: the estimate is not converged (those in the file are nominal)"
+        if result.rejected:
+            text = (
+                "the fit does not explain the record: its estimates are no answers, and stand in "
+                "identification/rejected alone; the figures of the fit show where it fails"
+            )
+        yield Statement(text, "bad")
     elif not sound:  # else the verdict says it
         yield Statement("error bars are nominal: the residuals are not white noise", "bad")
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from dynid.number_format import counted, quantity
 from dynid.report.content.blocks import ALL, ReportSection, Statement, TextTable, on_page
+from dynid.report.notation import texts
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
@@ -43,38 +44,23 @@ def modal_table(result: Result) -> TextTable:
     rows = []
     for k in range(len(get["mode"])):
         row = [str(k + 1), f"{get['frequency_measured'][k]:.5g}", f"{get['frequency'][k]:.5g}"]
-        row += [_signed(get["frequency_error_start"][k]), _signed(get["frequency_error"][k])]
-        row += [_signed(get["left_out_error"][k])] if left else []
-        if shapes:
-            row += [_criterion(get["mac_start"][k]), _criterion(get["mac"][k])]
-        if damping:
-            row += [_percent(get["damping_measured"][k]), _percent(get["damping"][k])]
+        errors = ("frequency_error_start", "frequency_error", *(["left_out_error"] if left else []))
+        row += [_text(100 * get[name][k], "{:+.2f} %") for name in errors]
+        row += [_text(get[name][k], "{:.3f}") for name in ("mac_start", "mac") if shapes]
+        row += [_text(100 * get[name][k], "{:.3g} %") for name in ("damping_measured", "damping") if damping]
         rows.append(tuple(row))
     return TextTable(tuple(heads), tuple(rows), noun="mode", most=ALL)
 
 
-def _modal_statements(result: Result) -> list[str]:
-    """Return what follows from a fit to modes: errors of the model's form, what the data determine."""
-    path = f"{GROUP}/statements"
-    return [str(text) for text in result[path].data] if path in result else []
-
-
-def _signed(ratio: float) -> str:
-    return "-" if np.isnan(ratio) else f"{100 * ratio:+.2f} %"
-
-
-def _percent(ratio: float) -> str:
-    return "-" if np.isnan(ratio) else f"{100 * ratio:.3g} %"
-
-
-def _criterion(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.3f}"
+def _text(value: float, form: str) -> str:
+    return "-" if np.isnan(value) else form.format(value)
 
 
 def modal_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the comparison of measured and computed modes."""
     if has_modes(result):
-        statements = map(Statement, _modal_statements(result))
+        # Errors of the model's form, and what the data determine.
+        statements = map(Statement, texts(result, f"{GROUP}/statements"))
         blocks = (on_page(Statement(modal_summary(result))), modal_table(result), *statements)
         yield ReportSection("Measured modes", blocks, "answer", screen="")
 

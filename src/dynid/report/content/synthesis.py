@@ -18,6 +18,7 @@ from dynid.report.content.blocks import (
 )
 from dynid.report.content.transfer_functions import numeric_forms
 from dynid.report.drawing.sketch import ELEMENT_UNITS
+from dynid.report.notation import texts
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
@@ -37,23 +38,19 @@ _KINDS = {
 
 def method(result: Result) -> str:
     """Return the kind of analysis and the forms."""
-    return f"synthesis · {', '.join(forms(result))}"
-
-
-def forms(result: Result) -> list[str]:
-    """Return the names of the forms."""
-    return [str(form) for form in result["synthesis/form"].data]
+    return f"synthesis · {', '.join(texts(result, 'synthesis/form'))}"
 
 
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the requested function, the table of the forms, and the elements of each."""
-    function, zeros, poles = wanted(result)
-    items = definitions(function, ("kind", _kind_text(result)), ("zeros", zeros), ("poles", poles))
+    function, zeros, poles = _wanted(result)
+    kind = f"positive real, of degree {_about(result, 'degree')}, {_KINDS[_about(result, 'kind')]}"
+    items = definitions(function, ("kind", kind), ("zeros", zeros), ("poles", poles))
     yield ReportSection(f"Driving-point {_about(result, 'function')}", (items,), "answer", screen="")
     table = _form_table(result)
     yield ReportSection("Forms", (table,), "answer", screen="")
-    for form in forms(result):
-        rows_of_form = tuple(elements(result, form))
+    for form in texts(result, "synthesis/form"):
+        rows_of_form = tuple(_elements(result, form))
         values = on_page(TextTable(("", "type", "value"), rows_of_form, most=ALL))
         listed = joined((f"{name} = {value}" for name, _, value in rows_of_form), _ELEMENTS)
         place = "answer" if len(table.rows) == 1 else "details"
@@ -61,7 +58,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         yield ReportSection(f"Elements, {form} form", blocks, place, screen="")
 
 
-def wanted(result: Result) -> tuple[tuple[str, str], str, str]:
+def _wanted(result: Result) -> tuple[tuple[str, str], str, str]:
     """Return the function as name and formula, its zeros, and its poles."""
     name = "Y(s)" if _about(result, "function") == "admittance" else "Z(s)"
     hertz, unit = in_hertz(result), unit_text(_about(result, "unit"))
@@ -70,23 +67,19 @@ def wanted(result: Result) -> tuple[tuple[str, str], str, str]:
     return (name, f"{formula} {unit}".rstrip()), zeros, poles
 
 
-def _kind_text(result: Result) -> str:
-    """Return the kind of the function in words."""
-    about = result.group_attrs["synthesis"]
-    return f"positive real, of degree {about['degree']}, {_KINDS[str(about['kind'])]}"
-
-
 def _form_table(result: Result) -> TextTable:
     """Return the table of the forms: the numbers of elements of each form, and its error analysed back."""
     rows = []
-    for form, residual in zip(forms(result), result["synthesis/residual"].data, strict=True):
+    for form, residual in zip(
+        texts(result, "synthesis/form"), result["synthesis/residual"].data, strict=True
+    ):
         counts = Counter(map(str, result[f"synthesis/{form}/type"].data))
         numbers = (str(counts[kind]) if counts[kind] else "" for kind in TYPES)
         rows.append((form, *numbers, f"{residual:.1e}" if residual else "exact"))
     return TextTable(("", *TYPES, "error of its coefficients"), tuple(rows))
 
 
-def elements(result: Result, form: str) -> Iterator[tuple[str, str, str]]:
+def _elements(result: Result, form: str) -> Iterator[tuple[str, str, str]]:
     """Yield name, type and value of every element of a form."""
     units = ELEMENT_UNITS.get(_about(result, "domain"), {})
     parts = (result[f"synthesis/{form}/{column}"].data for column in ("element", "type", "value"))

@@ -69,16 +69,6 @@ def approximate(result: Result, *paths: str) -> str:
     return " (approximate)" if any("approximate" in attrs for attrs in attributes) else ""
 
 
-def delays_text(result: Result) -> str:
-    """Return what is approximate in a graph with delays, and what is not; empty without delays."""
-    return str(result.group_attrs.get("bond_graph", {}).get("delays", ""))
-
-
-def _symbolic_text(result: Result, group: str) -> str:
-    """Return the formula of a group with powers as in print, s^2; empty where no symbols were kept."""
-    return str(result.group_attrs.get(group, {}).get("symbolic", "")).replace("**", "^")
-
-
 def numeric_forms(result: Result, group: str) -> Iterable[str]:
     """Yield a short transfer function with numeric coefficients."""
     if f"{group}/gain" in result:
@@ -118,7 +108,9 @@ def channel_sections(result: Result) -> Iterator[ReportSection]:
     if common:
         poles = definitions(("poles", _poles(result, *pairs[0])))
         yield ReportSection("Every channel", (poles,), "answer", screen="every channel")
-        group = _first_sensitivities(result, pairs)
+        # Those of the poles are the same in all channels that have some.
+        groups = [f"bond_graph/sensitivities/{output}/{source}" for output, source in pairs]
+        group = next((group for group in groups if f"{group}/parameter" in result), groups[0])
         if moved := tuple(_sensitivities(result, group, only=POLE)):
             yield ReportSection("Sensitivities of the poles", moved, screen="")
     if len(pairs) > 1:
@@ -176,8 +168,8 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     """Yield formula, zeros, poles, properties and hidden modes of a channel."""
     group = f"bond_graph/transfer_function/{output}/{source}"
     formulas = [*numeric_forms(result, group)]
-    if (symbolic := _symbolic_text(result, group)) and formulas != ["0"]:
-        formulas.append(symbolic)
+    if (symbolic := str(result.group_attrs.get(group, {}).get("symbolic", ""))) and formulas != ["0"]:
+        formulas.append(symbolic.replace("**", "^"))
     if formulas:
         formulas[-1] += approximate(result, f"{group}/denominator", f"{group}/gain")
     lines: list[str] = [Formula(f"= {formula}") for formula in formulas]
@@ -289,12 +281,6 @@ def _sensitivities(
     )
 
 
-def _first_sensitivities(result: Result, pairs: list[Channel]) -> str:
-    """Return the group of the sensitivities of the first channel that has some; those of poles are common."""
-    groups = [f"bond_graph/sensitivities/{output}/{source}" for output, source in pairs]
-    return next((group for group in groups if f"{group}/parameter" in result), groups[0])
-
-
 #: First word of the titles of columns of poles.
 POLE = "pole"
 
@@ -356,35 +342,43 @@ def frequency(result: Result, omega: float) -> str:
 def characteristics(result: Result, output: str, source: str) -> Iterator[Line]:
     """Yield the characteristics of the step response, and the bandwidth of a channel, each with its title."""
     group = f"bond_graph/properties/{output}/{source}"
-    get = _Values(result, group)
+    get = {
+        path.rpartition("/")[2]: float(variable.data)
+        for path, variable in result.items()
+        if path.startswith(f"{group}/") and variable.dims == () and variable.dtype.kind in "fi"
+    }
+
+    def number(name: str) -> str:
+        return general(get[name])
+
     if f"{group}/step_status" in result:
         parts = []
         if "rise_time" in get:
-            parts.append(f"rise time {get['rise_time']} s (10 to 90 %)")
-            parts.append(f"settling time {get['settling_time']} s (2 %)")
-            parts.append(f"overshoot {get['overshoot']} %")
-            if get.number("undershoot") > 0:
+            parts.append(f"rise time {number('rise_time')} s (10 to 90 %)")
+            parts.append(f"settling time {number('settling_time')} s (2 %)")
+            parts.append(f"overshoot {number('overshoot')} %")
+            if get["undershoot"] > 0:
                 late = approximate(result, f"{group}/undershoot")  # approximants undershoot, delays do not
                 parts.append(
                     "undershoot not given: delays are approximated"
                     if late
-                    else f"undershoot {get['undershoot']} %"
+                    else f"undershoot {number('undershoot')} %"
                 )
         if "peak" in get:
-            when = "" if math.isinf(get.number("peak_time")) else f" at {get['peak_time']} s"
-            parts.append(f"peak {get['peak']}{when}")
+            when = "" if math.isinf(get["peak_time"]) else f" at {number('peak_time')} s"
+            parts.append(f"peak {number('peak')}{when}")
         yield "step response", _defined(result, f"{group}/step_status", parts)
     if f"{group}/bandwidth_status" in result:
         parts = []
         if "bandwidth" in get:
-            band = get.number("bandwidth")
+            band = get["bandwidth"]
             parts.append(
                 "no upper limit" if math.isinf(band) else f"{frequency(result, band)} (-3 dB of T(0))"
             )
         if "peak_gain" in get:
-            at = get.number("peak_frequency")
+            at = get["peak_frequency"]
             where = "at high frequencies" if math.isinf(at) else f"at {frequency(result, at)}"
-            parts.append(f"largest |T| {get['peak_gain']} {where}")
+            parts.append(f"largest |T| {number('peak_gain')} {where}")
         yield "bandwidth", _defined(result, f"{group}/bandwidth_status", parts)
 
 
@@ -395,24 +389,15 @@ def _defined(result: Result, status: str, parts: list[str]) -> str:
     return " · ".join([*values, *([] if reason == "defined" else [reason])])
 
 
-class _Values:
-    """Numbers of a group as text."""
-
-    def __init__(self, result: Result, group: str) -> None:
-        self._result, self._group = result, group
-
-    def __contains__(self, name: str) -> bool:
-        return f"{self._group}/{name}" in self._result
-
-    def number(self, name: str) -> float:
-        """Return a number."""
-        return float(self._result.value(f"{self._group}/{name}"))
-
-    def __getitem__(self, name: str) -> str:
-        return general(self.number(name))
+def energy_sections(result: Result) -> Iterator[ReportSection]:
+    """Yield where the modes have their energy, and what the sources give."""
+    sources = f"Sources{approximate(result, f'{_SOURCES}/omega')}"
+    for title, lines in (("Energy of the modes", _energy_lines(result)), (sources, _source_lines(result))):
+        if rows := list(lines):
+            yield ReportSection(title, (definitions(*rows),), screen=title.lower())
 
 
-def energy_lines(result: Result) -> Iterator[Line]:
+def _energy_lines(result: Result) -> Iterator[Line]:
     """Yield where every mode has its energy, and what damps it."""
     if f"{_ENERGY}/status" not in result:
         return
@@ -441,12 +426,7 @@ def _shares(names: Any, shares: Any) -> str:
     return ", ".join(parts) + (", …" if len(order) > _ELEMENTS else "")
 
 
-def sources_title(result: Result, title: str) -> str:
-    """Return the title of what sources give, marked where that is approximate."""
-    return title + approximate(result, f"{_SOURCES}/omega")
-
-
-def source_lines(result: Result) -> Iterator[Line]:
+def _source_lines(result: Result) -> Iterator[Line]:
     """Yield the largest power that every input gives over the band, and its impedance there."""
     if f"{_SOURCES}/omega" not in result:
         return

@@ -106,9 +106,9 @@ class ColumnOrder(Generic[T]):
             self._left[right_item].append(left_item)
         self._position = {item: k for items in columns for k, item in enumerate(items)}
 
-    def improve(self) -> int:
-        """Order the columns, and return the number of crossings."""
-        best, fewest = [list(items) for items in self.columns], self.crossings()
+    def improve(self) -> None:
+        """Order the columns."""
+        best, fewest = [list(items) for items in self.columns], self._count_crossings()
         shuffle = random.Random(0)
         for start in range(_STARTS):
             for items in self.columns if start else ():
@@ -116,16 +116,15 @@ class ColumnOrder(Generic[T]):
                 self._number(items)
             for sweep in range(_SWEEPS):
                 self._sweep(self._right if sweep % 2 else self._left)
-                count = self.crossings()
+                count = self._count_crossings()
                 if count < fewest:
                     best, fewest = [list(items) for items in self.columns], count
             if not fewest:
                 break
         for items, chosen in zip(self.columns, best, strict=True):
             items[:] = chosen
-        return fewest
 
-    def crossings(self) -> int:
+    def _count_crossings(self) -> int:
         """Return the number of pairs of links that cross."""
         total = 0
         for items in self.columns:

@@ -17,7 +17,7 @@ from dynid.report.drawing.sketch import Sketch, SketchBond, SketchNode, TextLine
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
 from dynid.report.notation import approximation, draw_formula, labelled, raised, short, typeset
 from dynid.report.plot import Chart, Curve, Markers, PlotAxis, Subplot
-from dynid.report.svg import Point, Svg
+from dynid.report.svg import Svg
 from dynid.result import Result
 
 PORT = "bond_graph/port"
@@ -74,19 +74,20 @@ class _BlockDiagram:
     def draw(self, svg: Svg, x: float, y: float) -> None:
         """Draw it with its upper left corner at a point."""
         width, side, (full_width, _) = self._width, self._side, self.size
+        arrow = partial(svg.arrow, cls="line", head="solid", size=(8.0, 3.5))
         top, low = y + 20 + _HEIGHT / 2, y + 48 + 1.5 * _HEIGHT
         left, end = x + side + 2 * _GAP, x + full_width
         if self.kind == "feedback":
             middle, node, tap = top, x + side + _GAP, left + width + _GAP
-            _arrow(svg, (x + side, top), (node - _SUM, top))
+            arrow((x + side, top), (node - _SUM, top))
             svg.circle(node, top, _SUM)
-            _arrow(svg, (node + _SUM, top), (left, top))
+            arrow((node + _SUM, top), (left, top))
             _block(svg, self.forward, left, top, width)
-            _arrow(svg, (left + width, top), (end - side, top))
+            arrow((left + width, top), (end - side, top))
             svg.circle(tap, top, 2.5, "solid")
-            _arrow(svg, (tap, top), (tap, low), (left + width, low))
+            arrow((tap, top), (tap, low), (left + width, low))
             _block(svg, self.back, left, low, width)
-            _arrow(svg, (left, low), (node, low), (node, top + _SUM))
+            arrow((left, low), (node, low), (node, top + _SUM))
             svg.text(node - 13, top - 6, "+", "small")
             svg.text(node - 9, top + _SUM + 12, "−", "small")
             notes = (((node + left) / 2 + 2, top - 12), ((node + left) / 2 + 2, low - 6))
@@ -95,14 +96,14 @@ class _BlockDiagram:
             svg.line((x + side, middle), (tap, middle), cls="line")
             svg.circle(tap, middle, 2.5, "solid")
             for height, text in ((top, self.forward), (low, self.back)):
-                _arrow(svg, (tap, middle), (tap, height), (left, height))
+                arrow((tap, middle), (tap, height), (left, height))
                 _block(svg, text, left, height, width)
                 reach = _SUM if height < middle else -_SUM
-                _arrow(svg, (left + width, height), (node, height), (node, middle - reach))
+                arrow((left + width, height), (node, height), (node, middle - reach))
             svg.circle(node, middle, _SUM)
             svg.text(node - 9, middle - _SUM - 4, "+", "small")
             svg.text(node - 9, middle + _SUM + 12, "+", "small")
-            _arrow(svg, (node + _SUM, middle), (end - side, middle))
+            arrow((node + _SUM, middle), (end - side, middle))
             notes = ((left + width + _GAP / 2, top - 6), (left + width + _GAP / 2, low - 6))
         entering = typeset(self.entering)
         draw_formula(svg, entering, x + side - entering.width - 4, middle + 4)
@@ -117,19 +118,6 @@ def _block(svg: Svg, latex: str, left: float, middle: float, width: float) -> No
     formula = typeset(latex)
     draw_formula(
         svg, formula, left + (width - formula.width) / 2, middle + (formula.above - formula.below) / 2
-    )
-
-
-def _arrow(svg: Svg, *points: Point) -> None:
-    """Draw a signal: a line with a full arrow head."""
-    svg.line(*points, cls="line")
-    (x1, y1), (x2, y2) = points[-2:]
-    length = max(abs(x2 - x1) + abs(y2 - y1), 1e-9)
-    dx, dy = (x2 - x1) / length, (y2 - y1) / length
-    svg.polygon(
-        (x2, y2),
-        (x2 - 8 * dx + 3.5 * dy, y2 - 8 * dy - 3.5 * dx),
-        (x2 - 8 * dx - 3.5 * dy, y2 - 8 * dy + 3.5 * dx),
     )
 
 

@@ -261,7 +261,7 @@ class _SpaceDrawing:
                 step = (_ARROW * dx / size, -_ARROW * dy / size)
                 start, end = ((-1.15, -0.15), (0.15, 1.15))[what != "load"]
                 points = [(x + share * step[0], y + share * step[1]) for share in (start, end)]
-                _arrow(self.svg, points[0], points[1], cls, double=bool(turns[k]))
+                self.svg.arrow(*points, cls=f"bond {cls}", head=f"{cls} dot", heads=1 + bool(turns[k]))
                 tip = points[what != "load"]
                 self.boxes.append((*points[0], *points[0]))
                 self.boxes.append((*points[1], *points[1]))
@@ -317,15 +317,3 @@ _BESIDE = tuple(
         (0, 18 + far, "middle"),
     )
 )
-
-
-def _arrow(svg: Svg, start: Point, end: Point, cls: str, *, double: bool) -> None:
-    """Draw an arrow; one of a rotation has two heads."""
-    length = max(float(np.hypot(end[0] - start[0], end[1] - start[1])), 1e-9)
-    along = ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
-    svg.line(start, (end[0] - 5 * along[0], end[1] - 5 * along[1]), cls=f"bond {cls}")
-    for back in (0.0, 7.0) if double else (0.0,):
-        tip = (end[0] - back * along[0], end[1] - back * along[1])
-        base = (tip[0] - 9 * along[0], tip[1] - 9 * along[1])
-        sides = [(base[0] - side * along[1], base[1] + side * along[0]) for side in (4, -4)]
-        svg.polygon(tip, *sides, cls=f"{cls} dot")

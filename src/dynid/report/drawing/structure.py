@@ -388,9 +388,7 @@ def guide(svg: Svg, x: float, y: float) -> None:
 
 def force(svg: Svg, start: Point, end: Point) -> None:
     """Draw a force as an arrow."""
-    svg.line(start, end, cls="bond s2")
-    left, right = (_offset(end, start, 0, 0, along=9, across=across) for across in (4, -4))
-    svg.polygon(end, left, right, cls="s2 dot")
+    svg.arrow(start, end, cls="bond s2", head="s2 dot")
 
 
 def sensor(svg: Svg, x: float, y: float) -> None:
@@ -403,11 +401,8 @@ def master(svg: Svg, x: float, y: float) -> None:
     svg.rect(x - 4, y - 4, 8, 8, "s1 dot")
 
 
-def _offset(
-    start: Point, end: Point, share: float, aside: float, *, along: float = 0.0, across: float = 0.0
-) -> Point:
-    """Return the point at a part of a line and an offset aside, or at px along and across it."""
+def _offset(start: Point, end: Point, share: float, aside: float) -> Point:
+    """Return the point at a part of a line and an offset aside, px."""
     dx, dy = end[0] - start[0], end[1] - start[1]
     length = max((dx * dx + dy * dy) ** 0.5, 1e-9)
-    way, off = share * length + along, aside + across
-    return start[0] + (dx * way - dy * off) / length, start[1] + (dy * way + dx * off) / length
+    return start[0] + share * dx - dy * aside / length, start[1] + share * dy + dx * aside / length
