@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -148,14 +148,13 @@ class _FigureFamily:
     """Figures of one kind, and the condition on results that have them; all given parts must hold.
 
     `function` yields them, as `module:name`. The result is of one of `kinds`, has a path that begins with one
-    of `paths`, and holds the text of its `scene`. `derivation`: they show how a result was derived.
+    of `paths`, and holds the text of its `scene`.
     """
 
     function: str
     kinds: tuple[str, ...] = ()
     paths: tuple[str, ...] = ()
     scene: bool = False
-    derivation: bool = False
 
     def applies(self, result: Result) -> bool:
         """Return True if a result may have such figures."""
@@ -178,15 +177,10 @@ FAMILIES: tuple[_FigureFamily, ...] = (
     _FigureFamily(f"{_DRAWING}.bond_graph:figures", kinds=("bond-graph", "identification"), scene=True),
     _FigureFamily(f"{_DRAWING}.bond_graph:realisations", paths=("synthesis/form",)),
     _FigureFamily(
-        f"{_DRAWING}.bond_graph:reduction_strips",
-        paths=("bond_graph/reduction/steps",),
-        scene=True,
-        derivation=True,
+        f"{_DRAWING}.bond_graph:reduction_strips", paths=("bond_graph/reduction/steps",), scene=True
     ),
     _FigureFamily(
-        f"{_DRAWING}.prototype:prototypes",
-        paths=("bond_graph/reduction/prototype", "bond_graph/port/"),
-        derivation=True,
+        f"{_DRAWING}.prototype:prototypes", paths=("bond_graph/reduction/prototype", "bond_graph/port/")
     ),
     _FigureFamily(f"{_DRAWING}.structure:figures", kinds=("identification", "reduction"), scene=True),
     _FigureFamily(f"{_DRAWING}.space:figures", paths=("structure/geometry/",), scene=True),
@@ -231,11 +225,10 @@ def figures(result: Result) -> list[Figure]:
     """
     by_name: dict[str, Figure] = {}
     for family in FAMILIES:
-        if family.applies(result):
-            for figure in _figures_of(family, result):
-                if figure.name in by_name:
-                    raise ValueError(f"two figures are called '{figure.name}'")
-                by_name[figure.name] = figure
+        for figure in _figures_of(family, result) if family.applies(result) else ():
+            if figure.name in by_name:
+                raise ValueError(f"two figures are called '{figure.name}'")
+            by_name[figure.name] = figure
     return list(by_name.values())
 
 
@@ -274,7 +267,7 @@ def _figures_of(family: _FigureFamily, result: Result) -> list[Figure]:
     module, _, name = family.function.partition(":")
     build: Callable[[Result], Iterable[Figure]] = getattr(import_module(module), name)
     try:
-        return [replace(figure, derivation=family.derivation) for figure in build(result)]
+        return list(build(result))
     except DynidError as error:
         name, problem = module.rpartition(".")[2], error
 

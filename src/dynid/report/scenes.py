@@ -70,21 +70,21 @@ def plain_data(text: str) -> dict[str, Any]:
     return data if isinstance(data, dict) else {}
 
 
-def in_hertz(result: Result) -> bool:
-    """Return True if the scene of a result, or the scene that a study varies, is written in Hz."""
-    if result.kind == "study" and "study/scene" in result:
-        return _in_hertz(str(result.value("study/scene")))
-    return _in_hertz(str(result.attrs.get("scene", "")))
-
-
 def frequency_unit(result: Result) -> FrequencyUnit:
-    """Return the unit of frequencies in the scene of a result."""
-    return HERTZ if in_hertz(result) else RADIANS
+    """Return the unit of frequencies in the scene of a result, or in the scene that a study varies."""
+    if result.kind == "study" and "study/scene" in result:
+        return _unit_of(str(result.value("study/scene")))
+    return _unit_of(str(result.attrs.get("scene", "")))
 
 
 @lru_cache(maxsize=4)
-def _in_hertz(scene: str) -> bool:
-    return "Hz" in scene and unit_of_frequencies(plain_data(scene)) is HERTZ
+def _unit_of(scene: str) -> FrequencyUnit:
+    return unit_of_frequencies(plain_data(scene)) if "Hz" in scene else RADIANS
+
+
+def in_hertz(result: Result) -> bool:
+    """Return True if the frequencies of a result are in Hz."""
+    return frequency_unit(result) is HERTZ
 
 
 class _PeakResponses(NamedTuple):

@@ -115,8 +115,9 @@ def _statistics(
         elif table.variable(path).attrs.get("stored") == "bool":
             items.append((name, f"{100 * np.nanmean(column.values):.4g} % true"))
         else:
-            heading = headed(name, column.units) + _having_it(table, column)
-            rows.append((heading, *_statistics_row(table, column)))
+            count = int(np.sum(~np.isnan(column.values)))
+            lacking = "" if count >= int(table.done.sum()) else f" (n = {count:,})"
+            rows.append((headed(name, column.units) + lacking, *_statistics_row(table, column)))
     for path, shares in _text_shares(table):
         name = re.sub(r"^bond_graph/\w+/", "", path)
         if shares.endswith(" 100 %"):
@@ -131,23 +132,16 @@ def _statistics(
         items.append((f"the same in every sample{where}", ", ".join(values)))
     numbers = [TextTable(("", *COLUMNS), tuple(rows), brief=ALL, most=ALL)] if rows else []
     samples = [on_screen(Statement("samples count from 0"))] if rows else []
-    approximate = map(Statement, _approximate_texts(table))
+    outputs: dict[str, dict[str, None]] = {}
+    for path in filter(table.is_number, table.paths):
+        if reason := str(table.variable(path).attrs.get("approximate", "")):
+            outputs.setdefault(reason, {})[path.rpartition("/")[2]] = None
+    approximate = (Statement(f"approximate, {why}: {', '.join(names)}") for why, names in outputs.items())
     others = [definitions(*items, noun="number", brief=_NUMBERS, most=ALL)] if items else []
     if blocks := (*numbers, *samples, *approximate, *(others if few else [])):
         yield ReportSection("Statistics", blocks, "answer", screen="")
     if not few:
         yield ReportSection("Constants, verdicts and texts", tuple(others), screen="")
-
-
-def _approximate_texts(table: StudyTable) -> list[str]:
-    """Return which outputs are approximate, and why."""
-    names: dict[str, list[str]] = {}
-    for path in filter(table.is_number, table.paths):
-        if reason := str(table.variable(path).attrs.get("approximate", "")):
-            names.setdefault(reason, []).append(path.rpartition("/")[2])
-    return [
-        f"approximate, {reason}: {', '.join(dict.fromkeys(outputs))}" for reason, outputs in names.items()
-    ]
 
 
 def _compared_samples(table: StudyTable) -> str:
@@ -229,7 +223,8 @@ def _text_shares(table: StudyTable) -> Iterator[tuple[str, str]]:
         if len(words) > _LEVELS:
             yield path, f"{len(words):,} different texts"
             continue
-        shares = ", ".join(f"{_short_text(words[k])} {100 * counts[k] / total:.4g} %" for k in order)
+        short = [text if len(text) <= 40 else f"{text[:39]}…" for text in words]
+        shares = ", ".join(f"{short[k]} {100 * counts[k] / total:.4g} %" for k in order)
         yield path, f"{shares}{', …' if len(words) > 4 else ''}"
 
 
@@ -292,12 +287,6 @@ def _constant_text(table: StudyTable, path: str, column: StudyColumn) -> str | N
     return f"{limit(float(values[0]))} {unit_text(column.units)}".rstrip()
 
 
-def _having_it(table: StudyTable, column: StudyColumn) -> str:
-    """Return the number of samples that have a number, after a space; empty where all that are done do."""
-    count = int(np.sum(~np.isnan(column.values)))
-    return "" if count >= int(table.done.sum()) else f" (n = {count:,})"
-
-
 def _statistics_row(table: StudyTable, column: StudyColumn) -> Iterator[str]:
     """Yield the statistics of a number that varies, in the order of `COLUMNS`."""
     values = statistics(column.values)
@@ -305,8 +294,3 @@ def _statistics_row(table: StudyTable, column: StudyColumn) -> Iterator[str]:
     for name in (heading.removesuffix(" (sample)") for heading in COLUMNS):
         at = worst(column.values, extremes[name]) if name in extremes else None
         yield quantity(float(values[name])) + ("" if at is None else f" ({table.numbers[at]})")
-
-
-def _short_text(text: str) -> str:
-    """Return a text, cut off where it is long."""
-    return text if len(text) <= 40 else f"{text[:39]}…"

@@ -338,9 +338,8 @@ def _designed(result: Result, target: int) -> Chart:
     group = f"{DESIGN}/frequency_response"
     at, unit = frequencies(result, f"{group}/omega"), str(result[f"{group}/unit"].data[target])
     columns, rows = dict(at.columns), []
-    for quantity, measure in (("magnitude", decibels), ("phase", degrees)):
+    for quantity, symbol, measure in (("magnitude", "dB", decibels), ("phase", "°", degrees)):
         layers: list[Layer] = []
-        symbol = "°" if quantity == "phase" else "dB"
         for design, colour in (("start", "s2"), ("designed", "s1")):
             values = measure(result[f"{group}/{design}"].data[:, target])
             layers.append(Curve(at.shown, values, design, colour))

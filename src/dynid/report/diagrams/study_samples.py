@@ -153,15 +153,6 @@ def figures(result: Result) -> Iterator[Figure]:
         yield Figure("course", f"Results over {inputs[0].name}", partial(_course, inputs[0], outputs))
 
 
-def _selected(
-    inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable], limit: int
-) -> list[StudyVariable]:
-    """Return inputs first, then results, at most so many in all."""
-    room = max(1, limit // 2) if len(outputs) >= limit // 2 else limit - len(outputs)
-    first = list(inputs[:room])
-    return first + list(outputs[: limit - len(first)])
-
-
 def _complete(numbers: Sequence[StudyVariable]) -> np.ndarray:
     """Return the indices of the samples with all numbers."""
     return np.flatnonzero(np.all([np.isfinite(number.values) for number in numbers], axis=0))
@@ -170,8 +161,9 @@ def _complete(numbers: Sequence[StudyVariable]) -> np.ndarray:
 def _columns_of(
     inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable], limit: int
 ) -> tuple[list[StudyVariable], str]:
-    """Return the columns that a figure shows, and what it omits in words."""
-    numbers = _selected(inputs, outputs, limit)
+    """Return at most so many columns, inputs first, and in words what a figure of them omits."""
+    room = max(1, limit // 2) if len(outputs) >= limit // 2 else limit - len(outputs)
+    numbers = [*inputs[:room], *outputs][:limit]
     count = len(inputs) + len(outputs)
     return numbers, f" {len(numbers)} of {count} columns." if len(numbers) < count else ""
 

@@ -51,7 +51,6 @@ from dynid.scene.schema.raw import MULTIPORTS, PORT
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import NodeModel
-    from dynid.scene.schema.identification import IdentificationScene
 
 
 #: Most nodes of a drawing; a larger one is unreadable.
@@ -112,9 +111,15 @@ def _graph_of(scene: Scene) -> DrawnGraph:
     analysis = model.analysis
     if analysis is not None and analysis.reading == "binary":
         graph = graph.rounded()
+    if analysis is not None:
+        requested = analysis.outputs
+    else:  # the measured variables of an identification, of all its records
+        records = model.measurement.each if model.measurement is not None else []
+        channels = (channel for record in records for channel in record.channels or ())
+        requested = list(dict.fromkeys(channel.output for channel in channels if channel.output))
     outputs = [
         Port(holder(output.node), output.quantity, str(output) if types.get(output.node) == PORT else "")
-        for output in (analysis.outputs if analysis is not None else _measured(model))
+        for output in requested
     ]
     loops = model.control.loops if model.control is not None else ()
     driven = tuple((holder(loop.measured.node), loop.source) for loop in loops)
@@ -146,13 +151,6 @@ def _variables(node: NodeModel, types: Mapping[str, str]) -> list[str] | None:
     return [holder for holder, _, quantity in parts if quantity in QUANTITIES and holder in types]
 
 
-def _measured(model: IdentificationScene) -> list[Port]:
-    """Return the measured variables of an identification, of all its records."""
-    records = model.measurement.each if model.measurement is not None else []
-    channels = (channel for record in records for channel in record.channels or ())
-    return list(dict.fromkeys(channel.output for channel in channels if channel.output))
-
-
 def figures(result: Result) -> Iterator[Figure]:
     """Yield the drawing of a result's bond graph; of an identification of a structure nothing."""
     if getattr(scene_of(result).model, "graph", None) is None:
@@ -174,9 +172,8 @@ def realisations(result: Result) -> Iterator[Figure]:
         drawn = _graph_of(scene_of_text(str(result.value(f"synthesis/{form}/scene"))))
         if len(drawn.graph.nodes) <= LARGEST:
             name, title = f"bond-graph-{form}", f"Bond graph, {form} form"
-            yield Figure(
-                name, title, partial(_graph_picture, name, title, result.title, sketch_of(drawn), drawn)
-            )
+            draw = partial(_graph_picture, name, title, result.title, sketch_of(drawn), drawn)
+            yield Figure(name, title, draw)
 
 
 def _graph_picture(name: str, title: str, result_title: str, sketch: Sketch, drawn: DrawnGraph) -> Picture:
@@ -207,14 +204,16 @@ def sketch_of(drawn: DrawnGraph) -> Sketch:
     outputs: dict[str, list[str]] = {}
     for port in drawn.outputs:
         outputs.setdefault(port.node, []).append(port.quantity)
-    nodes = tuple(
-        _box(name, drawn.boxes[name], [str(port) for port in drawn.outputs if port.node == name])
-        if name in drawn.boxes
-        else _sketch_node(
-            node, domains.get(name, ""), name in drawn.inputs, outputs.get(name, ()), name in drawn.laws
-        )
-        for name, node in graph.nodes.items()
-    )
+    nodes = []
+    for name, node in graph.nodes.items():
+        if name in drawn.boxes:  # a field or structure as one node
+            ports = ", ".join(str(port) for port in drawn.outputs if port.node == name)
+            notes = (drawn.boxes[name], *([f"output {ports}"] if ports else []))
+            lines = (TextLine(name), *(TextLine(note, "note") for note in notes))
+            nodes.append(SketchNode(name, lines, "", "output" if ports else ""))
+            continue
+        domain, is_input = domains.get(name, ""), name in drawn.inputs
+        nodes.append(_sketch_node(node, domain, is_input, outputs.get(name, ()), name in drawn.laws))
     bonds = []
     # The causality of what is behind a box is not known here.
     strokes = {} if drawn.boxes else {(b.tail, b.head): b.stroke for b in assign_causality(graph).bonds}
@@ -231,14 +230,7 @@ def sketch_of(drawn: DrawnGraph) -> Sketch:
     ]
     source = next((name for name in drawn.inputs if graph.bonds_of(name)), None)
     cut = (drawn.port.tail, drawn.port.head) if drawn.port is not None else None
-    return Sketch(nodes, tuple(bonds), source, next(iter(outputs), None), cut)
-
-
-def _box(name: str, text: str, outputs: Sequence[str]) -> SketchNode:
-    """Return a field or structure as one node."""
-    notes = (text, f"output {', '.join(outputs)}") if outputs else (text,)
-    lines = (TextLine(name), *(TextLine(note, "note") for note in notes))
-    return SketchNode(name, lines, "", "output" if outputs else "")
+    return Sketch(tuple(nodes), tuple(bonds), source, next(iter(outputs), None), cut)
 
 
 def _sketch_node(
@@ -279,7 +271,7 @@ def reduction_strips(result: Result) -> Iterator[Figure]:
         rows = [row for row in steps if row["output"] == str(port)]
         if 0 < len(rows) <= LONGEST:
             draw = partial(_strip_picture, drawn, port, rows)
-            yield Figure(f"reduction-{port}", f"Reduction to {port}, step by step", draw)
+            yield Figure(f"reduction-{port}", f"Reduction to {port}, step by step", draw, derivation=True)
 
 
 def _strip_picture(drawn: DrawnGraph, port: Port, rows: list[dict[str, str]]) -> Picture:
@@ -370,10 +362,8 @@ class _SnapshotSketch:
         for name, state in self.shot.junctions.items():
             domains_of_nodes = {self.drawn.domains.get(node, "") for node in state.nodes}
             lines = (TextLine(state.kind, "glyph"), TextLine(", ".join(state.nodes) or name, "note"))
-            self._add(
-                SketchNode(name, lines, domains_of_nodes.pop() if len(domains_of_nodes) == 1 else ""),
-                state.kind,
-            )
+            domain = domains_of_nodes.pop() if len(domains_of_nodes) == 1 else ""
+            self._add(SketchNode(name, lines, domain), state.kind)
         for tie in self.shot.links:
             tail, head = (tie.head, tie.tail) if self._is_negative(tie.forward) else (tie.tail, tie.head)
             two_port, domains = tie.two_port, [self.nodes[end].domain for end in (tail, head)]

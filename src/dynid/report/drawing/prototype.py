@@ -130,12 +130,12 @@ def prototypes(result: Result) -> Iterator[Figure]:
             formulas = [str(result[f"{group}/{formula}_latex"].data[index]) for formula in parts]
             name = f"prototype-{output}"
             draw = partial(prototype_picture, name, str(letters[index]), formulas, f"at {output}")
-            yield Figure(name, f"Prototype at {output}", draw)
+            yield Figure(name, f"Prototype at {output}", draw, derivation=True)
     if f"{PORT}/prototype_equation_latex" in result:
         letter = str(result.value(f"{PORT}/prototype"))
         formulas = [str(result.value(f"{PORT}/{formula}_latex")) for formula in parts]
         draw = partial(prototype_picture, "prototype-port", letter, formulas, "at the port")
-        yield Figure("prototype-port", "Prototype at the port", draw)
+        yield Figure("prototype-port", "Prototype at the port", draw, derivation=True)
 
 
 def prototype_picture(name: str, letter: str, formulas: list[str], where: str) -> Picture:
@@ -163,6 +163,10 @@ def prototype_picture(name: str, letter: str, formulas: list[str], where: str) -
     return Picture(svg.render(width, height), f"{title}; {meaning[kind]}.", table)
 
 
+def _noted_node(key: str, text: str, note: str) -> SketchNode:
+    return SketchNode(key, (TextLine(text), TextLine(note, "note")))
+
+
 def prototype_sketch(letter: str) -> Sketch:
     """Return one of the four prototypes, with its causal strokes."""
     source, junction, at_source, at_a, at_b = _STROKES[letter]
@@ -173,9 +177,7 @@ def prototype_sketch(letter: str) -> Sketch:
         SketchNode("source", (TextLine(f"{source} : {entering}"),)),
         SketchNode("junction", (TextLine(junction, "glyph"),)),
         *(
-            SketchNode(
-                key, (TextLine(text), TextLine("impedance" if text[0] == "Z" else "admittance", "note"))
-            )
+            _noted_node(key, text, "impedance" if text[0] == "Z" else "admittance")
             for key, text in names.items()
         ),
     )
@@ -256,12 +258,8 @@ def _equivalents(result: Result, side: str, title: str) -> Picture:
         flow = junction == "0"
         nodes = [
             SketchNode("junction", (TextLine(junction, "glyph"),)),
-            SketchNode(
-                "own", (TextLine(immittance), TextLine("admittance" if flow else "impedance", "note"))
-            ),
-            SketchNode(
-                "other", (TextLine("load" if side == "source" else "source"), TextLine("side", "note"))
-            ),
+            _noted_node("own", immittance, "admittance" if flow else "impedance"),
+            _noted_node("other", "load" if side == "source" else "source", "side"),
         ]
         # The bond of the other side determines the common variable of the junction.
         bonds = [

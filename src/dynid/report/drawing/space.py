@@ -96,28 +96,24 @@ class Space:
                 chains.append([a, b])
         if turned is None:
             return [(flat[chain], flatly[chain]) for chain in chains]
-        return [self._bent(chain, moved, turned) for chain in chains]
-
-    def _bent(self, chain: Sequence[int], moved: Array, turned: Array) -> tuple[Array, Array]:
-        """Return points along lines and their displacements: cubic across a line, linear along it."""
-        t = np.linspace(0, 1, _FINE + 1)[:, None]
-        points, displacements = [], []
-        for a, b in pairwise(chain):
-            start, along = self.position[a], self.position[b] - self.position[a]
-            chord = moved[b] - moved[a]
-            # What the rotations of the ends add to the straight line between them.
-            slopes = [np.cross(turned[node], along) - chord for node in (a, b)]
-            slopes = [slope - _onto(slope, along) for slope in slopes]
-            bend = slopes[0] * (t - 2 * t**2 + t**3) + slopes[1] * (t**3 - t**2)
-            points.append(start + t * along)
-            displacements.append(moved[a] + t * chord + bend)
-        return self.flat(np.concatenate(points)), self.flat(np.concatenate(displacements))
+        lines = (bent_line(chain, self.position, moved, turned) for chain in chains)
+        return [(self.flat(points), self.flat(by)) for points, by in lines]
 
 
-def _onto(vector: Array, along: Array) -> Array:
-    """Return the part of a vector along another one."""
-    size = float(along @ along)
-    return along * (vector @ along) / size if size else along
+def bent_line(chain: Sequence[int], position: Array, moved: Array, turned: Array) -> tuple[Array, Array]:
+    """Return points along nodes (n x 3) that move and turn, and displacements, cubic across each line."""
+    t = np.linspace(0, 1, _FINE + 1)[:, None]
+    points, displacements = [], []
+    for a, b in pairwise(chain):
+        start, along = position[a], position[b] - position[a]
+        chord, size = moved[b] - moved[a], float(along @ along)
+        # What the rotations of the ends add across the straight line between them.
+        slopes = [np.cross(turned[node], along) - chord for node in (a, b)]
+        slopes = [slope - along * (slope @ along) / size if size else slope for slope in slopes]
+        bend = slopes[0] * (t - 2 * t**2 + t**3) + slopes[1] * (t**3 - t**2)
+        points.append(start + t * along)
+        displacements.append(moved[a] + t * chord + bend)
+    return np.concatenate(points), np.concatenate(displacements)
 
 
 def figures(result: Result) -> Iterator[Figure]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from dynid.report.figure import CellValue, FigureTable
 from dynid.report.notation import short
 from dynid.report.plot.axis import PlotAxis
 from dynid.report.plot.chart import Chart, Subplot, in_rows
-from dynid.report.plot.layers import Extent, LegendEntry, PlotArea
+from dynid.report.plot.layers import Extent, Layer, PlotArea
 from dynid.report.svg import SMALL, Svg, plain, text_width
 
 #: Greatest opacity of a cell with a text in it, and of one without.
@@ -27,7 +27,7 @@ MOST, _ROW = 40, 3
 
 
 @dataclass(frozen=True)
-class Heatmap:
+class Heatmap(Layer):
     """A matrix as cells, the first row at the top; the opacity of a cell is the magnitude of its value.
 
     `low` is transparent and `high` opaque; if `low` is negative, negative values have another colour. Cells
@@ -40,6 +40,7 @@ class Heatmap:
     texts: Sequence[Sequence[str]] = ()
     tips: Sequence[Sequence[str]] = ()
     edges: tuple[ArrayLike, ArrayLike] | None = None
+    gridded = False  # a grid behind it would change the opacity
 
     @property
     def borders(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -49,19 +50,10 @@ class Heatmap:
         rows, columns = self.values.shape
         return np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5
 
-    @property
-    def gridded(self) -> bool:
-        """False: a grid behind it would change the opacity."""
-        return False
-
     def extent(self) -> Extent:
         """Return the edges."""
         x, y = self.borders
         return [x], [y]
-
-    def legend(self) -> Iterable[LegendEntry]:
-        """Return no entry."""
-        return []
 
     def opacity(self, value: float) -> float:
         """Return the opacity of a value."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,42 +75,30 @@ class PlotArea:
         return self.top + self.height * (1 - self.y.share(values))
 
 
-class Layer(Protocol):
-    """Data drawn on two axes."""
-
-    @property
-    def gridded(self) -> bool:
-        """True if the grid of the axes is visible behind it."""
-
-    def extent(self) -> Extent:
-        """Return the values of x and of y that the axes must contain."""
-
-    def legend(self) -> Iterable[LegendEntry]:
-        """Return its entries in the legend."""
-
-    def draw(self, svg: Svg, area: PlotArea) -> None:
-        """Draw it."""
-
-
-class _GriddedLayer:
-    """Base of layers on a visible grid, with at most one legend entry of their label and classes."""
+class Layer:
+    """Data drawn on two axes, with at most one legend entry of its label and classes."""
 
     label: str = ""
     cls: str = ""
     symbol: str = "line"
+    #: True if the grid of the axes is visible behind it.
+    gridded: ClassVar[bool] = True
 
-    @property
-    def gridded(self) -> bool:
-        """True: the grid is visible."""
-        return True
+    def extent(self) -> Extent:
+        """Return the values of x and of y that the axes must contain."""
+        return [], []
 
     def legend(self) -> Iterable[LegendEntry]:
         """Return the entry of its label; none without a label."""
         return [LegendEntry(self.label, self.symbol, self.cls)] if self.label else []
 
+    def draw(self, svg: Svg, area: PlotArea) -> None:
+        """Draw it."""
+        raise NotImplementedError
+
 
 @dataclass(frozen=True)
-class Curve(_GriddedLayer):
+class Curve(Layer):
     """A line through points, interrupted where a value is not finite.
 
     `cls` are its classes: `series_class(0)`, `s2 fine`, `grid`; the axes contain it if it `spans` them. A
@@ -151,7 +139,7 @@ class Curve(_GriddedLayer):
 
 
 @dataclass(frozen=True)
-class BandLayer(_GriddedLayer):
+class BandLayer(Layer):
     """The area between two curves."""
 
     x: ArrayLike
@@ -177,7 +165,7 @@ class BandLayer(_GriddedLayer):
 
 
 @dataclass(frozen=True)
-class Markers(_GriddedLayer):
+class Markers(Layer):
     """Points, each with a text shown under the pointer, and an opacity, if any.
 
     Symbols: `o` (filled), `ring`, `x`, `+`, `square`, `diamond`, `up`, `down` (triangles) or `kite` (hollow),
@@ -216,7 +204,7 @@ class Markers(_GriddedLayer):
 
 
 @dataclass(frozen=True)
-class Bars(_GriddedLayer):
+class Bars(Layer):
     """Bars between values, `thick` in values of the other axis; horizontal ones are `flat`."""
 
     at: ArrayLike
@@ -252,7 +240,7 @@ class Bars(_GriddedLayer):
 
 
 @dataclass(frozen=True)
-class ReferenceLine(_GriddedLayer):
+class ReferenceLine(Layer):
     """A straight line across the subplot at one value of y, or of x if it is upright."""
 
     value: float
@@ -277,7 +265,7 @@ class ReferenceLine(_GriddedLayer):
 
 
 @dataclass(frozen=True)
-class Annotation(_GriddedLayer):
+class Annotation(Layer):
     """A text at a point, which the axes need not contain; it is omitted where it would be on another one."""
 
     x: float
@@ -286,10 +274,6 @@ class Annotation(_GriddedLayer):
     cls: str = "small muted"
     anchor: str = "start"
     shift: tuple[float, float] = (0.0, 0.0)
-
-    def extent(self) -> Extent:
-        """Return no values."""
-        return [], []
 
     def draw(self, svg: Svg, area: PlotArea) -> None:
         """Write it, if it fits into the area."""
