@@ -78,8 +78,8 @@ def stiff_arm(seed):
 
 
 @pytest.mark.parametrize("seed", sample((0, 5, 6, 7, 8), 0, 0, 2))
-def test_error_bars_that_the_likelihood_contradicts_are_called_too_narrow(seed):
-    """The likelihood at the value that the warning names, by SciPy."""
+def test_error_bars_that_the_likelihood_contradicts_are_those_of_its_profile(seed):
+    """The likelihood at the value that the warning names and at the ends of the interval, by SciPy."""
     this = stiff_arm(seed)
     result = suite(this)
     said = [one for one in result.value("identification/diagnostics/warnings") if "too narrow" in one]
@@ -87,14 +87,24 @@ def test_error_bars_that_the_likelihood_contradicts_are_called_too_narrow(seed):
     numbers = re.search(r"j1\.k = ([\d ]+), .* lower by ([\d.]+), where they predict ([\d.]+)", said[0])
     value, fall, predicted = (float(each.replace(" ", "")) for each in numbers.groups())
     estimate = result.value(f"{GROUP}/estimate")[0]
-    assert np.log(value / estimate) == pytest.approx(
-        4 * np.sign(value - estimate) * result.value(f"{GROUP}/standard_error")[0] / estimate, rel=1e-2
-    )
-    deviations = [this.record.deviance(np.log([each]))[0] for each in (estimate, value)]
-    assert (deviations[1] - deviations[0]) / 2 == pytest.approx(fall, rel=0.05)
+    low, high = (result.value(f"{GROUP}/{end}")[0] for end in ("low", "high"))
+    best = this.record.deviance(np.log([estimate]))[0]
+    assert (this.record.deviance(np.log([value]))[0] - best) / 2 == pytest.approx(fall, rel=0.05)
     assert predicted == pytest.approx(600 * np.log1p(16 / 1200), rel=0.05)
     assert fall < predicted / 2
-    assert "too narrow" in result.group_attrs[GROUP]["error_bars"]
+    # beyond either end is 2.5 % of the likelihood, or of the Gaussian of the information if that is wider
+    centre, deviation = np.log(estimate), abs(np.log(value / estimate)) / 4
+    eta = centre + deviation * np.linspace(-24, 24, 1201)
+    density = np.exp([(best - this.record.deviance(np.array([each]))[0]) / 2 for each in eta])
+    lower, upper = np.interp([0.025, 0.975], np.cumsum(density) / density.sum(), eta)
+    assert (np.log(low) - centre) / deviation == pytest.approx(
+        min((lower - centre) / deviation, -1.96), abs=0.08
+    )
+    assert (np.log(high) - centre) / deviation == pytest.approx(
+        max((upper - centre) / deviation, 1.96), abs=0.08
+    )
+    assert max(upper - centre, centre - lower) > 1.96 * deviation
+    assert "profile likelihood" in result.group_attrs[GROUP]["error_bars"]
 
 
 def test_error_bars_that_the_likelihood_bears_out_have_no_such_warning():

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.errors import DynidError
+from dynid.identification.diagnosis.profile import profile_intervals
 from dynid.identification.diagnosis.symmetry import (
     Permutation,
     centre_of,
@@ -79,7 +80,7 @@ _MAX_RANKING_WORK = 100_000_000
 
 
 class _FlatDirection(NamedTuple):
-    """A direction in which the misfit rises by less than half of what the error bars predict.
+    """A direction in which the misfit rises by less than half of what the information predicts.
 
     Attributes
     ----------
@@ -87,11 +88,14 @@ class _FlatDirection(NamedTuple):
         Four standard errors along it (p), in coordinates.
     rise, predicted
         Rise of the misfit there, and that of the information.
+    intervals
+        Ends of the 95 % intervals by profile likelihood (2 x p), in coordinates.
     """
 
     away: Array
     rise: float
     predicted: float
+    intervals: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,6 +238,12 @@ class OptimaSearch:
         nearest_best = min(near, key=lambda optimum: optimum.misfit, default=best)
         if best.misfit - nearest_best.misfit > _BETTER:
             return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), nearest_best
+        if flat is not None:
+            profiles = profile_intervals(self.likelihood, best.fit, deviations)
+            if profiles.best.rise < -_BETTER:
+                fit = refine(self.likelihood, profiles.best.eta).fit
+                return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), Optimum(self.likelihood, fit)
+            flat = flat._replace(intervals=np.array([profiles.low, profiles.high]))
         for optimum in near:
             for point in images(permutations, optimum.fit.eta, same, _MAX_OPTIMA):
                 points.append(point)

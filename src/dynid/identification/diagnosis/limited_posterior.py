@@ -9,7 +9,7 @@ J. Geweke, Proc. 23rd Symposium on the Interface (1991) 571–578; C. P. Robert,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,6 +72,18 @@ class LimitedPosterior:
         samples[:, free] += _sampled(rows[:, free], residual, below, above, deviations[free])
         ends = np.quantile(samples, [_TAIL_PROBABILITY, 1 - _TAIL_PROBABILITY], axis=0)
         return cls(samples.std(axis=0), ends[0], ends[1], samples)
+
+    def widened(self, low: Array, high: Array) -> LimitedPosterior:
+        """Return the posterior with intervals that hold those from `low` to `high` (p each).
+
+        Standard deviations are those of Gaussians with the wider half of each; an end that is infinite does
+        not count.
+        """
+        low, high = np.minimum(self.low, low), np.maximum(self.high, high)
+        middle = (self.low + self.high) / 2
+        ends = np.array([middle - low, high - middle])
+        half = np.max(np.where(np.isfinite(ends), ends, 0.0), axis=0)
+        return replace(self, deviations=np.maximum(self.deviations, half / _HALF_WIDTH), low=low, high=high)
 
 
 def _sampled(rows: Array, residual: Array, low: Array, high: Array, deviations: Array) -> Array:

@@ -20,6 +20,7 @@ from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
 from dynid.errors import Diverged, DynidError, NotIdentifiable
 from dynid.identification.diagnosis.calibration import CalibrationSlopes, calibration_slopes
 from dynid.identification.diagnosis.limited_posterior import LimitedPosterior
+from dynid.identification.diagnosis.profile import HALF_CHI_SQUARED, Profile
 from dynid.identification.estimators.estimate import Estimate
 from dynid.identification.information import Information, below_noise, joint_information, vanished
 from dynid.identification.likelihood.lack_of_fit import ModelComparison, compare_models
@@ -58,11 +59,8 @@ _UNKNOWN_LOG_DEVIATION = 10.0
 UNDECIDED = 0.8
 #: One beyond which a parameter is poorly known.
 UNCERTAIN = 0.5
-# Half the 95 % quantile of chi-squared with one degree of freedom: misfits within it of the least.
-_HALF_CHI_SQUARED = 1.92
-# Distance of the logarithm at which a value counts as 0, a factor of a thousand, and the Gauss–Newton steps
-# with which the other parameters follow there.
-_FAR_DISTANCE, _FOLLOWING_STEPS = float(np.log(1e3)), 4
+# Distance of the logarithm at which a value counts as 0: a factor of a thousand.
+_FAR_DISTANCE = float(np.log(1e3))
 # Distance of the logarithm at which the records contradict a value of which they know the order of magnitude.
 _TENFOLD = float(np.log(10))
 # Misfit within which a value of an undetermined parameter leaves the others as they are, to one standard
@@ -168,13 +166,15 @@ class Posterior:
 
     @cached_property
     def limited(self) -> LimitedPosterior:
-        """The posterior within the limits of the parameters."""
+        """The posterior within the limits of the parameters, no narrower than the profile likelihood."""
         priors, information = self.likelihood.priors, self.information
         residual = self.likelihood.weighted(self.fit, self.noise)
         limits = priors.low, priors.high
-        return LimitedPosterior.of(
+        limited = LimitedPosterior.of(
             self.fit.eta, information.deviations(), information.projected, residual, limits
         )
+        flat = None if self.optima is None else self.optima.flat
+        return limited if flat is None or flat.intervals is None else limited.widened(*flat.intervals)
 
     @property
     def deviations(self) -> Array:
@@ -186,7 +186,8 @@ class Posterior:
         """A root of the covariance of the coordinates (p x p), within the limits."""
         samples = self.limited.samples
         if samples is None:
-            return self.information.root
+            root = self.information.root
+            return root * (self.deviations / self.information.deviations())[:, None]
         apart = (samples - samples.mean(axis=0)) / np.sqrt(len(samples))
         return np.asarray(np.linalg.qr(apart, mode="r")).T
 
@@ -485,25 +486,12 @@ class Posterior:
             indistinguishable[k] = self._accepted(k, eta[k] - _FAR_DISTANCE) and not self._accepted(k, large)
         return indistinguishable
 
-    def _accepted(self, k: int, coordinate: float, ratio: float = _HALF_CHI_SQUARED) -> bool:
+    def _accepted(self, k: int, coordinate: float, ratio: float = HALF_CHI_SQUARED) -> bool:
         """Return True if a coordinate of a parameter raises the misfit by no more than `ratio`.
 
         By default that of its 95 % interval by likelihood ratio.
         """
-        fixed = np.arange(len(self.fit.eta)) == k
-        max_misfit = self.likelihood.misfit(self.fit) + ratio
-        eta = np.where(fixed, coordinate, self.fit.eta)
-        try:
-            for _ in range(_FOLLOWING_STEPS):
-                fit = self.likelihood.fit(eta, self.noise)
-                if self.likelihood.misfit(fit) <= max_misfit:
-                    return True
-                information = self.likelihood.information(fit, self.noise).without(fixed | self.held)
-                step = information.step(self.likelihood.weighted(fit, self.noise))
-                eta = np.where(fixed, coordinate, self.likelihood.priors.clipped(eta + step))
-        except (DynidError, ArithmeticError, np.linalg.LinAlgError):
-            pass  # values at which there is no model explain nothing
-        return False
+        return Profile(self.likelihood, self.fit, k).at(coordinate).rise <= ratio
 
     def _unexplained(self) -> str:
         """Return why the prediction does not explain the records; empty where it does."""

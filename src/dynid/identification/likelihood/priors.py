@@ -126,6 +126,17 @@ class Priors:
         """Mask of parameters that are pulled to the middle of their limits (p)."""
         return self.limited & ~self.has_prior
 
+    def holding(self, k: int, coordinate: float) -> Priors:
+        """Return the priors with the k-th coordinate fixed, in place of its own prior and limits."""
+        held = np.arange(len(self.low)) == k
+        return replace(
+            self,
+            low=np.where(held, coordinate, self.low),
+            high=np.where(held, coordinate, self.high),
+            means=np.where(held, coordinate, self.means),
+            deviations=np.where(held, _FIXED * self.units, self.deviations),
+        )
+
     def clipped(self, eta: Array) -> Array:
         """Return the nearest coordinates within the limits (p)."""
         return np.clip(eta, self.low, self.high)

@@ -287,7 +287,7 @@ def _add_comparison(result: Result, posterior: Posterior) -> None:
         ),
         f"conditional on the values of {', '.join(posterior.undetermined)}": posterior.undetermined,
         "of this optimum alone": posterior.ambiguous,
-        "too narrow: the likelihood falls more slowly than they predict": flat,
+        "by profile likelihood, which falls more slowly than the information predicts": flat,
         "nominal: the residuals are not noise": compared.lacks_fit or is_coloured(posterior.whiteness_p),
     }
     if remark := next((text for text, holds in remarks.items() if holds), ""):
