@@ -135,7 +135,7 @@ def posterior_check(posterior: Posterior) -> PosteriorCheck:
             names=("posterior_check",),
         )
     likelihood, fit = posterior.likelihood, posterior.fit
-    triangle = np.asarray(np.linalg.qr(posterior.root.T, mode="r"))
+    triangle = np.asarray(np.linalg.qr(posterior.gaussian_root.T, mode="r"))
     root = (triangle * np.sign(triangle.diagonal())[:, None]).T  # the same whatever the signs of its factors
     target = _Target(posterior)
     first = used = _weighted(target, likelihood, fit.eta, root, math.inf)

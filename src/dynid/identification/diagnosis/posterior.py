@@ -165,16 +165,25 @@ class Posterior:
         return self.likelihood.information(self.fit, self.noise)
 
     @cached_property
+    def gaussian(self) -> LimitedPosterior:
+        """The posterior of the linearised model, within the limits of the parameters."""
+        priors = self.likelihood.priors
+        residual = self.likelihood.weighted(self.fit, self.noise)
+        return LimitedPosterior.of(
+            self.fit.eta,
+            self.information.deviations(),
+            self.information.projected,
+            residual,
+            (priors.low, priors.high),
+        )
+
+    @cached_property
     def limited(self) -> LimitedPosterior:
         """The posterior within the limits of the parameters, no narrower than the profile likelihood."""
-        priors, information = self.likelihood.priors, self.information
-        residual = self.likelihood.weighted(self.fit, self.noise)
-        limits = priors.low, priors.high
-        limited = LimitedPosterior.of(
-            self.fit.eta, information.deviations(), information.projected, residual, limits
-        )
         flat = None if self.optima is None else self.optima.flat
-        return limited if flat is None or flat.intervals is None else limited.widened(*flat.intervals)
+        if flat is None or flat.intervals is None:
+            return self.gaussian
+        return self.gaussian.widened(*flat.intervals)
 
     @property
     def deviations(self) -> Array:
@@ -182,14 +191,20 @@ class Posterior:
         return self.limited.deviations
 
     @cached_property
-    def root(self) -> Array:
-        """A root of the covariance of the coordinates (p x p), within the limits."""
-        samples = self.limited.samples
+    def gaussian_root(self) -> Array:
+        """A root of the covariance of the coordinates (p x p), of the linearised model within the limits."""
+        samples = self.gaussian.samples
         if samples is None:
-            root = self.information.root
-            return root * (self.deviations / self.information.deviations())[:, None]
+            return self.information.root
         apart = (samples - samples.mean(axis=0)) / np.sqrt(len(samples))
         return np.asarray(np.linalg.qr(apart, mode="r")).T
+
+    @cached_property
+    def root(self) -> Array:
+        """A root of the covariance of the coordinates (p x p), with their standard errors."""
+        if self.limited is self.gaussian:
+            return self.gaussian_root
+        return self.gaussian_root * (self.deviations / self.gaussian.deviations)[:, None]
 
     @property
     def intervals(self) -> tuple[Array, Array]:
