@@ -50,13 +50,7 @@ KEPT = {"GRID", "GRDSET", "SPOINT", "EXTRN", *_SYSTEMS, *_ASETS, *_ELEMENTS, *_C
 
 
 def read_nodes(path: Path) -> NodeFile:
-    """Return the nodes of bulk data, and the orders of DOFs of its a-set and g-set.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, has no nodes, or several superelements with nodes.
-    """
+    """Return the nodes of bulk data, and the orders of DOFs of its a-set and g-set."""
     with read_errors(path, WHAT):
         cards = read_cards(path, KEPT)
         return nodes_of(path, cards)

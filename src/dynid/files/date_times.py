@@ -58,13 +58,7 @@ def is_stamp(field: str) -> bool:
 
 
 def read_stamps(fields: Sequence[str]) -> Stamps:
-    """Return the times of stamps, one a row; times of day without a date go on at midnight.
-
-    Raises
-    ------
-    DateTimeError
-        If a field is no stamp as the others are, does not exist, or day and month cannot be distinguished.
-    """
+    """Return the times of stamps, one a row; times of day without a date go on at midnight."""
     filled = [(row, text) for row, field in enumerate(fields) if (text := field.strip())]
     dated = any(kind_of(text) == "date and time" for _, text in filled)
     form = _DATE_TIME if dated else _TIME_ALONE

@@ -33,13 +33,7 @@ _MOST_LINES = 1_000_000
 
 
 def read_nodes(path: Path) -> NodeFile:
-    """Return nodes, sets and modes of a file.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or has no nodes.
-    """
+    """Return nodes, sets and modes of a file."""
     with read_errors(path, _WHAT), _opened(path) as stored:
         xyz = _positions(stored)
         if not len(xyz):

@@ -31,13 +31,7 @@ from dynid.structure.labels import DIRECTIONS
 
 
 def read_calculix(path: Path) -> ImportedMatrix:
-    """Return a matrix, with labels where the file `.dof` stands beside it.
-
-    Raises
-    ------
-    FileError
-        If a file is damaged, or they contradict each other.
-    """
+    """Return a matrix, with labels where the file `.dof` stands beside it."""
     matrix = read_triplets(path)
     order = path.with_suffix(".dof")
     if not order.is_file():
@@ -72,13 +66,7 @@ _FORMAT = re.compile(
 
 
 def read_harwell_boeing(path: Path) -> ImportedMatrix:
-    """Return the matrix of a file, both triangles, with the labels of a file `.mapping` beside it.
-
-    Raises
-    ------
-    FileError
-        If it is damaged, or holds no real assembled matrix.
-    """
+    """Return the matrix of a file, both triangles, with the labels of a file `.mapping` beside it."""
     with read_errors(path, _WHAT):
         with path.open(encoding="latin-1") as stream:
             lines = (line.rstrip("\r\n") for line in stream)
@@ -163,13 +151,7 @@ _SPARSE = re.compile(
 
 
 def read_script(path: Path) -> ImportedMatrix:
-    """Return the matrix of a script; entries of one triangle only are mirrored.
-
-    Raises
-    ------
-    FileError
-        If it is no such script, or damaged.
-    """
+    """Return the matrix of a script; entries of one triangle only are mirrored."""
     with read_errors(path, "a MATLAB script of a sparse matrix"):
         if path.stat().st_size > _MAX_SCRIPT_BYTES:
             raise FileError(f"{path} is too large for a script of a matrix")

@@ -18,21 +18,9 @@ Reference: TypeAlias = Callable[[Path, str], Path]
 
 
 def open_included(path: Path, depth: int, size: list[int]) -> TextIO:
-    """Return a file opened for reading, as one of those that include each other.
+    """Return a file opened as one of those that include each other, `depth` of them above it.
 
-    Parameters
-    ----------
-    path
-        The file.
-    depth
-        How many files are above it; 0 of the first.
-    size
-        The characters so far, one entry; those of this file are added.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or the files are too many or too large.
+    The characters of all add up in the one entry of `size`.
     """
     check_readable(path)
     size[0] += path.stat().st_size
@@ -49,22 +37,7 @@ def real(word: str) -> float:
 
 
 def check_reference(path: Path, named: str, includes: Iterable[Path] | None = None) -> Path:
-    """Return a file to which another one refers, which the scene must name.
-
-    Parameters
-    ----------
-    path
-        The file that refers to it; its folder is where relative paths start.
-    named
-        Its path as written there.
-    includes
-        The files that the scene names; default: it can name none.
-
-    Raises
-    ------
-    FileError
-        If it is none of them.
-    """
+    """Return a file that another one refers to as `named`; the scene must name it among `includes`."""
     if includes is None:
         raise FileError(
             f"{path} refers to another file, '{named}', which is not followed",

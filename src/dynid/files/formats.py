@@ -170,19 +170,7 @@ _PLURAL = {"matrix": "matrices", "mesh": "meshes"}
 def format_of(path: Path, *contents: Content, names: Sequence[str] = ()) -> FileFormat:
     """Return the format of a file from which one of some contents is read.
 
-    Parameters
-    ----------
-    path
-        The file.
-    *contents
-        What is read: fields of `FileFormat`.
-    names
-        Keys of the scene that name the file, for errors.
-
-    Raises
-    ------
-    FileError
-        If the file does not exist or cannot be read, or is of no format that holds such content.
+    `names` are the keys of the scene that name the file, for errors.
     """
     holding = _holding(contents)
     formats = [form for form in holding if path.suffix.lower() in form.extensions]

@@ -58,13 +58,7 @@ class _Elements(NamedTuple):
 
 
 def read_gmsh(path: Path, _: Sequence[Path] = ()) -> MeshData:
-    """Return the mesh of a file.
-
-    Raises
-    ------
-    FileError
-        If it is no such file, of another format, damaged, or partitioned.
-    """
+    """Return the mesh of a file."""
     if path.stat().st_size > 8 * MOST_NUMBERS:
         raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read", names=("mesh",))
     content = path.read_bytes()

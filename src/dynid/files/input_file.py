@@ -50,20 +50,7 @@ class Block(NamedTuple):
 
 
 def read_nodes(path: Path, reference: Reference = check_reference) -> NodeFile:
-    """Return nodes and node sets of an input file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    reference
-        What makes a path out of a file and the name of another in it, or refuses that.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, has no nodes, or makes or moves nodes in ways that are not read.
-    """
+    """Return nodes and node sets of an input file; `reference` finds or refuses what it includes."""
     with read_errors(path, WHAT):
         places: dict[int, list[float]] = {}
         sets = Sets()
@@ -137,13 +124,7 @@ class Sets:
         self._left = _MOST_MEMBERS
 
     def add(self, name: str, numbers: Iterable[int]) -> None:
-        """Add numbers to a set.
-
-        Raises
-        ------
-        ValueError
-            If all sets of the file have too many members.
-        """
+        """Add numbers to a set."""
         added = [*islice(numbers, self._left + 1)]
         self._left -= len(added)
         if self._left < 0:

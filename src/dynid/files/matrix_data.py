@@ -59,13 +59,7 @@ class Container(NamedTuple):
 
 
 def real_matrix(path: Path, name: str, values: Any) -> Matrix:
-    """Return a matrix of real numbers in double precision from the object that a library has read.
-
-    Raises
-    ------
-    FileError
-        If it holds something else.
-    """
+    """Return a matrix of real numbers in double precision from the object that a library has read."""
     where = f"{path}{f': {name!r}' if name else ''}"
     dtype = getattr(values, "dtype", None)
     if dtype is None or dtype.kind not in "iufb":
@@ -85,11 +79,6 @@ def compressed(path: Path, shape: Any, parts: tuple[Any, Any, Any], layout: str)
     """Return a sparse matrix out of its stored arrays, which are not trusted.
 
     These are data, indices and indptr; of coordinates (``coo``) data, rows and columns, from 0.
-
-    Raises
-    ------
-    FileError
-        If they contradict each other.
     """
     from scipy.sparse import coo_array, csc_array, csr_array
 

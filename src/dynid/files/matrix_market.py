@@ -48,13 +48,7 @@ class _MatrixMarketHeader(NamedTuple):
 
 
 def read_matrix_market(path: Path) -> ImportedMatrix:
-    """Read a Matrix Market file, coordinates or array, symmetric storage mirrored.
-
-    Raises
-    ------
-    FileError
-        If it is damaged, or holds no real matrix.
-    """
+    """Read a Matrix Market file, coordinates or array, symmetric storage mirrored."""
     with read_errors(path, "Matrix Market"):
         header = _matrix_market_header(path)
         if header.layout == "coordinate" and (matrix_read := _by_scipy(path, header)) is not None:
@@ -145,11 +139,6 @@ def read_triplets(path: Path) -> ImportedMatrix:
     Lines that start with ``*``, ``#`` or ``%`` (whichever comes first) are comments. With three columns rows
     and columns count from 1; with five, DOFs are labelled ``<node>:<dof>``, in ascending order. A first line
     of three whole numbers ``rows columns N`` above N entries that lie within these sizes is a size line.
-
-    Raises
-    ------
-    FileError
-        If a line is no triplet, or the first may be a size line or an entry.
     """
     with read_errors(path, "triplets"):
         comment, first = _opening(path)
@@ -185,13 +174,7 @@ def read_triplets(path: Path) -> ImportedMatrix:
 
 
 def _opening(path: Path) -> tuple[str, list[str]]:
-    """Return the mark of comments, and the words of the first line that is none.
-
-    Raises
-    ------
-    FileError
-        If a banner of Matrix Market stands behind the first line: the symmetry that it states would be lost.
-    """
+    """Return the mark of comments, and the words of the first line that is none."""
     comment = ""
     with path.open(encoding="utf-8") as lines:
         for line in lines:
@@ -256,13 +239,7 @@ def _numbers(path: Path, skip: int, comment: str) -> NDArray[np.float64]:
 
 
 def read_rows(path: Path) -> ImportedMatrix:
-    """Read a matrix row by row, all its entries, as ``printA`` of OpenSees writes it.
-
-    Raises
-    ------
-    FileError
-        If the rows are no square matrix.
-    """
+    """Read a matrix row by row, all its entries, as ``printA`` of OpenSees writes it."""
     with read_errors(path, "rows of a matrix"):
         if path.stat().st_size > 40 * MOST_NUMBERS:
             raise FileError(f"{path} is too large for a matrix with all its entries")
@@ -280,13 +257,7 @@ def one_triangle(ends: NDArray[np.int64]) -> bool:
 
 
 def entry_indices(path: Path, table: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return columns of whole numbers.
-
-    Raises
-    ------
-    FileError
-        Where a number is not whole.
-    """
+    """Return columns of whole numbers."""
     with np.errstate(invalid="ignore"):
         integral = (np.abs(table) < 2**53) & (table == np.floor(table))
     if not integral.all():
@@ -299,13 +270,7 @@ def entry_indices(path: Path, table: NDArray[np.float64]) -> NDArray[np.int64]:
 def assembled(
     path: Path, ends: NDArray[np.int64], values: NDArray[np.float64], shape: tuple[int, int], *, mirror: bool
 ) -> Matrix:
-    """Return the sparse matrix of triplets, rows and columns from 1; with `mirror` both triangles.
-
-    Raises
-    ------
-    FileError
-        If a row or column does not exist.
-    """
+    """Return the sparse matrix of triplets, rows and columns from 1; with `mirror` both triangles."""
     from scipy.sparse import coo_array  # heavy import, needed here only
 
     if ends.size and (ends.min() < 1 or np.any(ends.max(axis=0) > shape)):

@@ -59,16 +59,7 @@ def corners(shape: str) -> int:
 
 
 def edges(shape: str, nodes: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Yield the edges of an element between its corners, the smaller node first.
-
-    Parameters
-    ----------
-    shape
-        ``line``, ``triangle``, ``quadrilateral``, ``tetrahedron``, ``pyramid``, ``wedge`` or
-        ``hexahedron``.
-    nodes
-        Its nodes, corners first; where there are too few of them, nothing is yielded.
-    """
+    """Yield the edges of an element between its corners, the smaller node first; none of too few nodes."""
     if len(nodes) >= corners(shape):
         for a, b in _EDGES[shape]:
             start, end = nodes[a], nodes[b]

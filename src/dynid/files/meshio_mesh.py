@@ -64,14 +64,7 @@ _START = 2**24
 
 
 def read_foreign(path: Path, includes: Sequence[Path]) -> MeshData:
-    """Return the mesh of a file, with nodes without numbers.
-
-    Raises
-    ------
-    FileError
-        If meshio is not installed, cannot read the file or does not survive it, or the file refers to another
-        one that the scene does not name.
-    """
+    """Return the mesh of a file, with nodes without numbers."""
     size = path.stat().st_size
     if size > 8 * MOST_NUMBERS:
         raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read")

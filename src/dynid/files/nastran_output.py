@@ -52,13 +52,7 @@ def _listed(stored: Any) -> dict[str, tuple[tuple[int, ...], int]]:
 
 
 def read_nodes(path: Path) -> NodeFile:
-    """Return the nodes of a file, and the orders of DOFs of its a-set, l-set, f-set, n-set and g-set.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, has no nodes, or several superelements.
-    """
+    """Return the nodes of a file, and the orders of DOFs of its a-set, l-set, f-set, n-set and g-set."""
     with read_errors(path, _WHAT, claims=True):
         with _opened(path) as stored:
             blocks = set(stored.dbnames)
@@ -201,13 +195,7 @@ OUTPUT4 = Container(_op4_shapes, _load_op4)
 
 
 def _nastran_module(name: str, path: Path) -> Any:
-    """Return a module of pyyeti, an optional package, to read a Nastran file.
-
-    Raises
-    ------
-    FileError
-        If pyyeti is not installed.
-    """
+    """Return a module of pyyeti, an optional package, to read a Nastran file."""
     try:
         with np.printoptions():  # which pyyeti changes for all
             return import_module(f"pyyeti.nastran.{name}")

@@ -33,11 +33,6 @@ def read_table(path: Path) -> NodeFile:
 
     The first row names the columns; what follows a # is a comment. ``set`` holds the names of node sets,
     separated by blanks, ``dofs`` the node's directions (``x y rz``; ``-`` for none).
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or a line is no node.
     """
     with read_errors(path, "a table of nodes"):
         if path.stat().st_size > _MAX_BYTES:

@@ -73,13 +73,7 @@ class _Cells:
 
 
 def read_abaqus(path: Path, includes: Sequence[Path]) -> MeshData:
-    """Return the mesh of an input file of Abaqus or CalculiX.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or refers to a file that the scene does not name.
-    """
+    """Return the mesh of an input file of Abaqus or CalculiX."""
     allowed = partial(check_reference, includes=includes)
     nodes = input_file.read_nodes(path, allowed).nodes
     with read_errors(path, input_file.WHAT):
@@ -121,13 +115,7 @@ def _abaqus_elements(block: input_file.Block) -> Iterator[tuple[int, str, list[i
 
 
 def read_nastran(path: Path, includes: Sequence[Path]) -> MeshData:
-    """Return the mesh of Nastran bulk data, nodes in the order of the file.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or refers to a file that the scene does not name.
-    """
+    """Return the mesh of Nastran bulk data, nodes in the order of the file."""
     allowed = partial(check_reference, includes=includes)
     with read_errors(path, bulk_data.WHAT):
         cards = bulk_data.read_cards(path, {*bulk_data.KEPT, *_MOST_NODES}, allowed)

@@ -57,11 +57,6 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
         `.hdf5`) or Nastran OUTPUT4, OUTPUT2 or DMIG (`.op4`, `.op2`, `.pch`).
     role
         One of `USUAL`: which matrix is meant in a file that holds several, and names none.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, does not say which matrix is meant, or has no entry in it.
     """
     form = format_of(file.path, "matrix", "matrices")
     if form.matrix is not None:
@@ -96,20 +91,7 @@ def load_matrix(path: Path, name: str) -> ImportedMatrix:
 
 
 def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
-    """Read ``A``, and ``B`` and ``C`` where they are there, out of a file of several matrices.
-
-    Parameters
-    ----------
-    path
-        The file.
-    names
-        Their names in the file, where these differ.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, or has no ``A``.
-    """
+    """Read ``A``, and ``B`` and ``C`` if there; `names` are theirs in the file, where these differ."""
     if format_of(path, "matrix", "matrices").matrix is not None:
         raise FileError(f"{path} holds one matrix; a state space takes several")
     shapes = shapes_in(path)
@@ -119,13 +101,7 @@ def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
 
 
 def read_labels(path: Path) -> list[Label]:
-    """Read the labels of DOFs from a text file, one a line.
-
-    Raises
-    ------
-    FileError
-        If it is no text file, or a large one.
-    """
+    """Read the labels of DOFs from a text file, one a line."""
     check_readable(path)
     if path.stat().st_size > _MAX_LABEL_BYTES:
         raise FileError(f"{path} is too large for a list of labels")
@@ -187,19 +163,8 @@ def _named(path: Path, name: str, shapes: Mapping[str, Sequence[int]]) -> str:
 def check_real(path: Path, role: str, real: Sequence[str], *, required: bool = True) -> None:
     """Refuse a file whose likeliest matrix of a role is complex, or no matrix.
 
-    Parameters
-    ----------
-    path, role
-        As of `read_matrix`.
-    real
-        The real matrices with a usual name of the role, the likeliest first.
-    required
-        The role must be filled: what is no matrix counts as well where there is no real one.
-
-    Raises
-    ------
-    FileError
-        If a complex one is likelier, or if there is no real one and something else has such a name.
+    `real` are the real ones with a usual name. If the role is `required` and none is real, what is no matrix
+    counts as well.
     """
     others = _container_of(path).others(path)
     counts = required and not real

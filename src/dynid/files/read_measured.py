@@ -67,12 +67,6 @@ def read_columns(
         Where in the file the table is.
     rows
         How many rows are needed; of a longer dataset of an HDF5 file no more are read.
-
-    Raises
-    ------
-    FileError
-        Where the file cannot be read, a column is missing, a value is infinite, or the times are not those
-        of the step.
     """
     table = _table(path, scene_key, ColumnRequest(columns, layout, rows=rows))
     if columns is None or table.selected:
@@ -100,11 +94,6 @@ def read_signal(
     column
         Its name, with or without the unit, or its number from 1. Default: the only column but that of the
         times, the only dataset of an HDF5 file but `time` or `t`.
-
-    Raises
-    ------
-    FileError
-        As `read_columns`; also where a sample is missing, or several columns could be meant.
     """
     columns = None if column is None else [column]
     table = _table(path, scene_key, ColumnRequest(columns, layout, single=True))
@@ -154,11 +143,6 @@ def read_responses(path: Path, layout: ResponseLayout, scene_key: str) -> Measur
         The columns that the scene names.
     scene_key
         The dotted place of the file in the scene, for errors.
-
-    Raises
-    ------
-    FileError
-        Where the file cannot be read, a column is missing, or numbers are invalid.
     """
     file, form = _opened(path, scene_key, "responses")
     assert form.responses is not None
@@ -187,11 +171,6 @@ def read_modes(path: Path, names: Mapping[str, str], scene_key: str) -> ModalTab
         tests scatters by a root of n less), ``frequency_tests`` and ``dofs``.
     scene_key
         The dotted place of the file in the scene, for errors.
-
-    Raises
-    ------
-    FileError
-        Where the file cannot be read, a quantity is missing, or numbers are invalid.
     """
     file, form = _opened(path, scene_key, "modes")
     assert form.modes is not None

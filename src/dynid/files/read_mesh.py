@@ -46,12 +46,6 @@ def read_mesh(path: Path, scale: float = 1.0, includes: Sequence[Path] = ()) -> 
         Length of its unit, m.
     includes
         Other files to which it may refer.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, holds no solids or elements that are not known, refers to other files than
-        `includes`, or meshio is needed and not installed.
     """
     reader = format_of(path, "mesh", names=("mesh",)).mesh
     assert reader is not None

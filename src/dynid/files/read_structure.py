@@ -202,11 +202,6 @@ def read_nodes(path: Path) -> NodeFile:
     path
         The file: Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`, `.asm`) or OUTPUT2 (`.op2`), Exodus
         (`.exo`, `.e`, `.g`), Abaqus or CalculiX (`.inp`), MATLAB or HDF5, or a table (`.csv`).
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, or has no nodes.
     """
     reader = format_of(path, "nodes").nodes
     assert reader is not None
@@ -241,11 +236,6 @@ def model_files(path: Path) -> _ModelFiles:
         A file of several matrices, which also holds the nodes (OUTPUT2, bulk data with DMIG, MATLAB, HDF5) or
         has them beside it in a file of the same name (OUTPUT4); or an input file of CalculiX or Abaqus
         (`.inp`), which has the matrices beside it.
-
-    Raises
-    ------
-    FileError
-        If it is neither, or a file is missing.
     """
     if path.suffix.lower() == ".inp":
         check_readable(path)

@@ -111,22 +111,9 @@ def printed_resolution(fields: Iterable[str]) -> NDArray[np.float64]:
 def _step_disagreement(
     times: NDArray[np.float64], step: float, resolution: NDArray[np.float64]
 ) -> StepDisagreement | None:
-    """Return the disagreement of the times of a record with its step.
+    """Return the disagreement of times, rounded to `resolution`, with a step; None where they agree.
 
-    Parameters
-    ----------
-    times
-        One time a row, s; NaN where it is missing.
-    step
-        The step that the rows are taken to have, s.
-    resolution
-        The last place of each time: they are rounded to it.
-
-    Returns
-    -------
-    StepDisagreement or None
-        None where the times agree: evenly spaced to a thousandth of a step, their mean step right to a
-        millionth, each beside what the times are rounded by.
+    They do if they are evenly spaced to a thousandth of a step, and their mean step is right to a millionth.
     """
     rows = np.flatnonzero(~np.isnan(times))
     if len(rows) < 2:
@@ -149,13 +136,7 @@ def _step_disagreement(
 def clock_of(
     times: NDArray[np.float64], step: float, resolution: NDArray[np.float64]
 ) -> Clock | StepDisagreement | None:
-    """Return the clock of a record, or the disagreement of its times with its step; None of fewer than two.
-
-    Parameters
-    ----------
-    times, step, resolution
-        As of `_step_disagreement`.
-    """
+    """Return the clock of a record, or the disagreement of its times with its step; None of under two."""
     rows = np.flatnonzero(~np.isnan(times))
     if len(rows) < 2:
         return None

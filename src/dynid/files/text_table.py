@@ -285,13 +285,7 @@ def _reads(number: Callable[[str], float | complex], field: str) -> bool:
 
 
 def complex_number(field: str) -> complex:
-    """Return a real number, or a complex one as ``1.5-2e-3j`` or ``(1.5-2e-3i)``.
-
-    Raises
-    ------
-    ValueError
-        If it is none.
-    """
+    """Return a real number, or a complex one as ``1.5-2e-3j`` or ``(1.5-2e-3i)``."""
     bare = field.strip().strip("()")
     if bare[-1:] not in ("i", "j"):
         return complex(_number(field))
@@ -359,13 +353,7 @@ def _joined(fields: list[str]) -> list[str]:
 
 
 def _find_dialect(file: DataFile, rows: Lines) -> _Dialect:
-    """Return the dialect of a table.
-
-    Raises
-    ------
-    FileError
-        Where commas could be read in two ways.
-    """
+    """Return the dialect of a table."""
     dialect = _separated(file, rows)
     if dialect.separator is not None or len(rows) < 2:
         return dialect

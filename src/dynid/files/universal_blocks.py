@@ -44,13 +44,7 @@ class BlockError(ValueError):
 
 
 def data_sets(content: bytes) -> list[DataSet]:
-    """Return the data sets of a Universal File.
-
-    Raises
-    ------
-    BlockError
-        If it has none, or the last one does not end.
-    """
+    """Return the data sets of a Universal File."""
     content = content.removeprefix(b"\xef\xbb\xbf")
     if b"\n" not in content:
         content = content.replace(b"\r", b"\n")
@@ -137,20 +131,7 @@ def _plain(line: str) -> str:
 
 
 def check_columns(data_set: DataSet, first: int = 0, last: int | None = None) -> None:
-    """Refuse a data set whose numbers are not in columns of 13 characters, as those with a point are read.
-
-    Parameters
-    ----------
-    data_set
-        The data set.
-    first, last
-        The lines that are read by columns, of which that with the type has the number 0.
-
-    Raises
-    ------
-    ValueError
-        Naming the line.
-    """
+    """Refuse a data set whose numbers, from a first to a last line, are not in columns of 13 characters."""
     for at, line in enumerate(data_set.lines[first:last], first):
         if "." in line and _NUMERIC.fullmatch(line):
             columns = [line[k : k + 13].strip() for k in range(0, len(line), 13)]
@@ -161,13 +142,7 @@ def check_columns(data_set: DataSet, first: int = 0, last: int | None = None) ->
 
 
 def function_values(data_set: DataSet, header: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
-    """Return abscissae and ordinates of a data set 58 with its header.
-
-    Raises
-    ------
-    ValueError
-        If its numbers are none, or of an unknown type.
-    """
+    """Return abscissae and ordinates of a data set 58 with its header."""
     if header["ord_data_type"] not in (2, 4, 5, 6):
         raise ValueError(
             f"its ordinates have the data type {header['ord_data_type']}; 2, 4, 5 and 6 are known"

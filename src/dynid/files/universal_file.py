@@ -69,13 +69,7 @@ class UniversalFunction(NamedTuple):
 
 
 class UniversalFile:
-    """Data sets of a Universal File.
-
-    Raises
-    ------
-    FileError
-        If pyuff is not installed, or the file is no Universal File.
-    """
+    """Data sets of a Universal File."""
 
     def __init__(self, file: DataFile) -> None:
         try:
@@ -128,13 +122,7 @@ class UniversalFile:
         return parsed
 
     def units(self) -> FileUnits:
-        """Return the units of the file, of its record 164; SI where it has none.
-
-        Raises
-        ------
-        FileError
-            If it has several that differ, or one contradicts itself.
-        """
+        """Return the units of the file, of its record 164; SI where it has none."""
         records = set()
         for record in self.sets(164):
             records.add(units := FileUnits(float(record["length"]), float(record["force"]), recorded=True))
@@ -170,13 +158,7 @@ class UniversalFile:
 
 
 def read_functions(file: DataFile) -> list[UniversalFunction]:
-    """Return all data sets 58 of a Universal File.
-
-    Raises
-    ------
-    FileError
-        If pyuff is not installed, or the file is damaged.
-    """
+    """Return all data sets 58 of a Universal File."""
     return UniversalFile(file).functions()
 
 
@@ -363,19 +345,7 @@ class _FunctionUnits(NamedTuple):
 def function_units(
     quantity: str, along: str, over: str, across: str, labels: tuple[str, str], units: FileUnits
 ) -> _FunctionUnits:
-    """Return the unit of a function.
-
-    Parameters
-    ----------
-    quantity, over
-        Those of ordinate and denominator, as of `UniversalFunction`; a record has no denominator.
-    along, across
-        Their directions: ``x``, ``-rz``, ….
-    labels
-        Their units as the axes are labelled.
-    units
-        Those of the file.
-    """
+    """Return the unit of a function by its quantity over another, directions, labels, and file."""
     label = _labelled(labels)
     if not quantity:
         plain = units.length == units.force == 1

@@ -38,11 +38,6 @@ def read_nodes(path: Path) -> NodeFile:
         The file. Positions are those of data sets 15, in the node's definition system, and 2411, in the
         system of the part; axes are those of its displacement system (18, 2420). Lengths are brought to
         metres by the record of units (164).
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, has no nodes, contradicts itself, or uses systems that it does not define.
     """
     source = UniversalFile(DataFile(path))
     if not has_nodes(source):
@@ -228,11 +223,6 @@ def read_shapes(file: DataFile) -> list[_MeasuredShape]:
 
     Directions in which all nodes of all modes have exactly 0 were not measured, and are left out; the same
     holds for a direction of one node.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, is damaged, or holds no mode.
     """
     source = UniversalFile(file)
     length = source.units().length
