@@ -40,6 +40,7 @@ LAYERS = [
 # Imports allowed within a layer; imports forbidden although the layer is lower.
 WITHIN = {
     ("model_scope", "result"),
+    ("arrays", "errors"),
     ("result", "errors"),
     ("result", "suggestions"),
     ("file_access", "errors"),

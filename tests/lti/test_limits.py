@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from dynid.arrays import finite, guarded
 from dynid.errors import Diverged, NumericalError, UsageError
 from dynid.lti.exponential import balance, rescaled
-from dynid.lti.floating import finite, guarded
 from dynid.lti.signals import Multisine, Random, RecordTimes, Step, signal
 from dynid.lti.state_space import StateSpace
 from dynid.lti.time_response import propagate

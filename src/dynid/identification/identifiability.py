@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import NotIdentifiable
 from dynid.identification.diagnosis.calibration import add_calibration_slopes, calibration_slopes
 from dynid.identification.diagnosis.equivalent_optima import expected_optima
@@ -23,7 +23,6 @@ from dynid.identification.problem import Measured, Problem, identifiable_origin
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, Rebuild
 from dynid.lti.exponential import balance, rescaled
-from dynid.lti.floating import guarded
 from dynid.parameters import coordinates, named, rates, starts, truths, values
 from dynid.result import Result, common_unit
 from dynid.structure.model import StructuralModel

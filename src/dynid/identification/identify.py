@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import Diverged, DynidError, NotIdentifiable
 from dynid.identification.diagnosis.equivalent_optima import DECIDED, OptimaSearch, deciding_sensors
 from dynid.identification.diagnosis.instrument_mistakes import instrument_mistakes
@@ -34,7 +34,6 @@ from dynid.identification.problem import Measured, Problem, SharedRecords, ident
 from dynid.identification.results.write_result import Further, add_identification, raise_rejected
 from dynid.identification.systems.parametric_model import Model, Rebuild, unknowns_of, with_fixed
 from dynid.identification.systems.record_values import true_states
-from dynid.lti.floating import guarded
 from dynid.number_format import sentence
 from dynid.parameters import named, starts
 from dynid.result import Result

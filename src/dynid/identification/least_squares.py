@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dynid.arrays import Array
-from dynid.lti.floating import finite
+from dynid.arrays import Array, finite
 from dynid.native import call, compiled
 
 # Rank of the initial states: singular values, in the scales of their prior, below this part of the largest

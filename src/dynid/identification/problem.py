@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self, TypeAlias, cast
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import DynidError, UsageError
 from dynid.identification.information import Information
 from dynid.identification.likelihood.frf_record import FrfLikelihood, FrfRecord
@@ -33,7 +33,6 @@ from dynid.identification.systems.parametric_model import (
     unknowns_of,
 )
 from dynid.identification.systems.record_values import data, simulated
-from dynid.lti.floating import guarded
 from dynid.parameters import named, rates, starts, values
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel

@@ -253,6 +253,6 @@ def _nearest(number: Any) -> float:
 
 
 def _out_of_range() -> NumericalError:
-    from dynid.lti.floating import REMEDY
+    from dynid.arrays import REMEDY
 
     return NumericalError("a zero or pole is beyond the range of double precision", remedy=REMEDY)

@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.arrays import Array, ComplexArray
+from dynid.arrays import Array, ComplexArray, guarded
 from dynid.errors import Singular, UsageError
 from dynid.lti.exponential import balance, rescaled
-from dynid.lti.floating import guarded
 from dynid.lti.state_space import StateSpace
 from dynid.number_format import frequency_text
 

@@ -10,11 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.arrays import Array, ComplexArray
+from dynid.arrays import REMEDY, Array, ComplexArray, guarded
 from dynid.defaults import LONG_STEPS
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.exponential import accurate_exponential, balance, exponential, rescaled
-from dynid.lti.floating import REMEDY, guarded
 from dynid.lti.generator import Signal
 from dynid.lti.recurrence import recurrence
 from dynid.lti.signals import Impulse, Multisine, Random

@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real, hypot
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import UsageError
-from dynid.lti.floating import guarded
 from dynid.parameters import Parameter
 from dynid.structure.assembly import (
     Assembly,

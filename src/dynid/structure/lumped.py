@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real
+from dynid.arrays import guarded
 from dynid.errors import NumericalError, UsageError
-from dynid.lti.floating import guarded
 from dynid.parameters import Parameter
 from dynid.structure.assembly import Assembly
 from dynid.structure.joints import Joint

@@ -19,9 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array, ComplexArray
+from dynid.arrays import Array, ComplexArray, guarded
 from dynid.errors import NumericalError, Singular
-from dynid.lti.floating import guarded
 from dynid.structure.matrices import Matrix, as_array, is_sparse
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes

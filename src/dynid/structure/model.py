@@ -14,9 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, evaluated
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import UsageError
-from dynid.lti.floating import guarded
 from dynid.parameters import Parameter, true_values
 from dynid.structure import labels
 from dynid.structure.damping import ModalPart

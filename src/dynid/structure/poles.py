@@ -22,9 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynid.arrays import Array, ComplexArray
+from dynid.arrays import Array, ComplexArray, guarded
 from dynid.errors import NumericalError
-from dynid.lti.floating import guarded
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes

@@ -12,9 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import NumericalError, UsageError
-from dynid.lti.floating import guarded
 
 # The relative contradiction that rounded numbers of a state space may contain.
 _CONTRADICTION_TOL = 1e-6

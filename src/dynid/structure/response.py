@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynid.lti.floating import guarded
+from dynid.arrays import guarded
 from dynid.lti.time_response import propagate
 from dynid.result import Result, common_unit
 from dynid.structure.excitation import drive, inputs_of, signals_of, starting_state

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Dependent, Real
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.defaults import DENSE_STRUCTURES
 from dynid.errors import UsageError
-from dynid.lti.floating import guarded
 from dynid.parameters import Parameter
 from dynid.structure.assembly import damped_structure, not_negative
 from dynid.structure.damping import ModalDamping, ProportionalDamping

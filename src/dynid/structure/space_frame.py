@@ -15,8 +15,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real, sqrt
+from dynid.arrays import guarded
 from dynid.errors import UsageError
-from dynid.lti.floating import guarded
 from dynid.parameters import Parameter
 from dynid.structure.assembly import Assembly, Spring, Support, check_nodes, not_negative
 from dynid.structure.damping import ModalDamping, ProportionalDamping

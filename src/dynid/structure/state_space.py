@@ -15,9 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import Singular, UsageError
-from dynid.lti.floating import guarded
 from dynid.lti.state_space import StateSpace
 from dynid.structure.labels import Label, listed
 from dynid.structure.matrices import Matrix, as_array

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynid.arrays import finite, guarded
 from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, irreducible_blocks, solve
 from dynid.bondgraph.floating.roots import RootDiscs
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.errors import NumericalError, Undecided
-from dynid.lti.floating import finite, guarded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

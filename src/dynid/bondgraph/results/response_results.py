@@ -131,8 +131,8 @@ def add_time_response(
     `signals`: pairs of an input and what drives it. `initial`: the flow of an I or the effort of a C at t =
     0, by name. `apart`: True: each input has one signal, nothing is stored, and the responses are not added.
     """
+    from dynid.arrays import guarded
     from dynid.bondgraph.graph_state_space import rational_matrices, state_space
-    from dynid.lti.floating import guarded
     from dynid.lti.refined_response import refined_response
     from dynid.lti.signals import Impulse
     from dynid.lti.time_response import impulsive_outputs

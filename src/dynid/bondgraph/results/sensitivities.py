@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from dynid.arrays import guarded
 from dynid.bondgraph.analysis_request import Analysis, SensitivityParameter, modelled_storages
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.program.bounded import Bounded
@@ -25,7 +26,6 @@ from dynid.bondgraph.program.program import Register, gradient
 from dynid.bondgraph.reduced_graph import ReducedGraph, characteristic_polynomials
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots, repeated
-from dynid.lti.floating import guarded
 from dynid.result import Result
 
 if TYPE_CHECKING:

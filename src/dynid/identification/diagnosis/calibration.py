@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, finite
 from dynid.identification.least_squares import without_state
 from dynid.identification.likelihood.frf_record import FrfRecord
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
@@ -23,7 +23,6 @@ from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.frf_measurement import stacked, unstacked
 from dynid.identification.systems.parametric_model import freed_coordinates, freed_model
 from dynid.identification.systems.prediction import forced_by, free_prediction, prediction
-from dynid.lti.floating import finite
 from dynid.parameters import Parameter
 from dynid.result import Result
 from dynid.structure.model import StructuralModel

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import DynidError
 from dynid.identification.diagnosis.profile import profile_intervals
 from dynid.identification.diagnosis.symmetry import (
@@ -37,7 +37,6 @@ from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.priors import Priors
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.systems.parametric_model import Model, system_of
-from dynid.lti.floating import guarded
 from dynid.parameters import named
 from dynid.structure.model import StructuralModel
 from dynid.structure.ports import Channel

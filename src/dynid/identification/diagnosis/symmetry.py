@@ -19,12 +19,11 @@ from itertools import combinations
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import DynidError
 from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.systems.parametric_model import Model
-from dynid.lti.floating import guarded
 from dynid.structure.model import StructuralModel
 
 Permutation = tuple[int, ...]

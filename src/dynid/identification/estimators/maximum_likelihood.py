@@ -26,7 +26,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.defaults import HUBER
 from dynid.errors import Diverged, DynidError, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Estimator
@@ -37,7 +37,6 @@ from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.records.measurement import RobustLoss
 from dynid.identification.residual_tests import robust_deviation
 from dynid.identification.statistics import root_mean_square
-from dynid.lti.floating import guarded
 from dynid.progress import report_progress
 
 #: Longest step of a coordinate in its unit: of a logarithm a factor of 4.5.

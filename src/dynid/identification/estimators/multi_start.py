@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.defaults import AGREEING_STARTS, MOST_STARTS
 from dynid.errors import DynidError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
@@ -25,7 +25,6 @@ from dynid.identification.likelihood.lack_of_fit import ModelComparison, compare
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.priors import Priors
 from dynid.identification.residual_tests import is_explained
-from dynid.lti.floating import guarded
 from dynid.parameters import logarithmic
 from dynid.progress import report_progress, tracked
 

@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, finite
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
@@ -25,7 +25,6 @@ from dynid.identification.likelihood.time_record import TimeLikelihood, TimeReco
 from dynid.identification.records.measurement import RecordData
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.prediction import Trajectory, free_prediction, prediction
-from dynid.lti.floating import finite
 from dynid.lti.recurrence import recurrence
 
 # The prior of the initial states of segments has this part of the information of one value of RMS size:

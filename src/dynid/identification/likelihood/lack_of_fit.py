@@ -34,14 +34,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, finite
 from dynid.defaults import EXPLAINED, LACK_OF_FIT, RESOLVED, SIGNAL
 from dynid.identification.least_squares import basis
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.record_likelihood import ScatterTest
 from dynid.identification.likelihood.saturated_model import RegressorKind, SaturatedCoordinates
 from dynid.identification.statistics import chi_squared_tail, log_f_tail
-from dynid.lti.floating import finite
 
 # Residuals below this part of a channel's RMS are errors of rounding and holds; a number of the saturated
 # model below this one is not resolved, whatever the noise.

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, Port
 from dynid.errors import UsageError
 from dynid.identification.identifiability import (
@@ -28,7 +28,6 @@ from dynid.identification.records.measurement import Experiment, sampled_loads
 from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.parametric_model import Model, parametric_model
 from dynid.identification.systems.prediction import free_prediction, prediction
-from dynid.lti.floating import guarded
 from dynid.number_format import counted
 from dynid.progress import report_progress
 from dynid.result import Result, common_unit

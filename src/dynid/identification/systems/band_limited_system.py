@@ -15,10 +15,9 @@ from functools import cached_property
 
 import numpy as np
 
-from dynid.arrays import Array, ComplexArray
+from dynid.arrays import Array, ComplexArray, finite
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.structure_system import StructureSystem
-from dynid.lti.floating import finite
 from dynid.structure.dynamic_condensation import ActiveCoordinates
 from dynid.structure.matrices import as_array
 

@@ -15,11 +15,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, finite
 from dynid.defaults import FORCING_TABLE
 from dynid.identification.systems.linear_system import Affine
 from dynid.identification.systems.parametric_model import ParametricModel, Transition
-from dynid.lti.floating import finite
 from dynid.native import call, structure
 from dynid.parameters import logarithmic
 

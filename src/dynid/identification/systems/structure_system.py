@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array, ComplexArray
+from dynid.arrays import Array, ComplexArray, finite
 from dynid.errors import Singular, UsageError
 from dynid.identification.systems.linear_system import Affine, LinearSystem, StateVariable
 from dynid.lti.exponential import balance, rescaled
-from dynid.lti.floating import finite
 from dynid.lti.frequency_response import second_order_response
 from dynid.lti.state_space import Matrices
 from dynid.number_format import frequency_text

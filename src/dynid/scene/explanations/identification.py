@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynid.arrays import guarded
 from dynid.defaults import ESTIMATOR, FILTER_PASSES, HUBER
 from dynid.errors import NumericalError, UsageError
-from dynid.lti.floating import guarded
 from dynid.number_format import counted
 from dynid.progress import report_progress
 from dynid.result import Result

@@ -16,10 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.defaults import ALL_MODES, DENSE_MODES, FEW_MODES
 from dynid.errors import NumericalError, Singular, UsageError
-from dynid.lti.floating import guarded
 from dynid.structure.matrices import Matrix, as_array, is_sparse
 from dynid.structure.modes.pencil import Pencil, StrainEnergy, absolute, scaled, times, too_many
 

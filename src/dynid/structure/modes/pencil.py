@@ -15,9 +15,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, finite
 from dynid.errors import Singular, UsageError
-from dynid.lti.floating import finite
 from dynid.structure.matrices import Matrix, as_array, is_sparse, triplets
 
 

@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import Singular, UsageError
-from dynid.lti.floating import guarded
 from dynid.number_format import frequency_text
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix, combined, is_sparse

@@ -19,10 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.defaults import MASTER_COORDINATES
 from dynid.errors import NumericalError, Singular, UsageError
-from dynid.lti.floating import guarded
 from dynid.structure.matrices import Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes

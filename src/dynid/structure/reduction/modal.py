@@ -12,9 +12,8 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import Singular, UsageError
-from dynid.lti.floating import guarded
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix
 from dynid.structure.model import StructuralModel

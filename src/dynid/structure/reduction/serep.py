@@ -15,10 +15,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.defaults import MASTER_COORDINATES
 from dynid.errors import UsageError
-from dynid.lti.floating import guarded
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix, as_array
 from dynid.structure.model import StructuralModel
