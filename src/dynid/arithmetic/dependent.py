@@ -29,13 +29,7 @@ class Dual:
 
 
 def independent_parameters(raw: Mapping[str, Any]) -> dict[str, Dual]:
-    """Return every parameter with its derivatives by the independent ones, which are plain numbers.
-
-    Parameters
-    ----------
-    raw
-        The parameters as written: numbers, and expressions of each other; free of faults.
-    """
+    """Return every parameter, as written, with its derivatives by the independent ones, plain numbers."""
     values, _ = resolve_parameters(raw)
     duals: dict[str, Dual] = {}
     for name, value in values.items():  # in an order in which each needs only earlier ones
@@ -49,13 +43,7 @@ def independent_parameters(raw: Mapping[str, Any]) -> dict[str, Dual]:
 
 
 def differentiate(expression: Expression, duals: Mapping[str, Dual]) -> Dual:
-    """Evaluate an expression together with its derivatives (forward accumulation).
-
-    Raises
-    ------
-    ExpressionError
-        Where a value or a derivative is not a finite number, as that of sqrt(x) at 0.
-    """
+    """Evaluate an expression together with its derivatives (forward accumulation), all of them finite."""
 
     def leaf(item: Fraction | str) -> Dual:
         if isinstance(item, Fraction):
@@ -135,14 +123,8 @@ def _as_floats(dual: Dual) -> _Evaluated:
 class Dependent:
     """A number that depends on unknown parameters.
 
-    Parameters
-    ----------
-    operation
-        The operation on its operands, named as in `numbers.apply`; of a parameter empty.
-    operands
-        Numbers of which one at least depends on parameters; of a parameter its name.
-    reference
-        Its value at the reference values of the parameters, which `float` returns.
+    Its operation is named as in `numbers.apply`, empty of a parameter, whose only operand is its name; of
+    other operands one at least depends on parameters. `float` returns its `reference` value.
     """
 
     __slots__ = ("__dict__", "operands", "operation", "reference")
@@ -200,12 +182,7 @@ class Dependent:
     def dual(self, values: Mapping[str, Number]) -> Dual:
         """Return value and derivatives at values of the parameters, exact where these and it are.
 
-        Parameters that are absent have their reference values.
-
-        Raises
-        ------
-        OutOfRangeError
-            If there is no finite value, or no finite derivative.
+        Absent parameters have their reference values. `OutOfRangeError` if value or derivative is not finite.
         """
 
         def leaf(item: Real) -> Dual:
@@ -394,13 +371,7 @@ def evaluated(value: Real, values: Mapping[str, float]) -> _Evaluated:
 
 
 def substituted(expression: Expression, values: Mapping[str, Real]) -> Any:
-    """Return an expression in which names have these values: a number, or a dependent one.
-
-    Raises
-    ------
-    ExpressionError
-        As `Expression.evaluate`, at the reference values.
-    """
+    """Return an expression in which names have these values: a number, or a dependent one."""
 
     def leaf(item: Fraction | str) -> Real:
         if isinstance(item, Fraction):

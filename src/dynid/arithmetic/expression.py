@@ -61,17 +61,7 @@ _UNARY: dict[type[ast.unaryop], str] = {ast.UAdd: "pos", ast.USub: "neg"}
 
 
 class ExpressionError(UsageError):
-    """An expression that is not arithmetic, or has no value.
-
-    Parameters
-    ----------
-    sentence
-        What is wrong.
-    text
-        The expression.
-    column
-        Where in it, from 1.
-    """
+    """An expression that is not arithmetic, or has no value, and the column (from 1) where."""
 
     def __init__(self, sentence: str, text: str, column: int) -> None:
         shown = text if len(text) <= 60 else f"{text[:57]}…"
@@ -257,13 +247,8 @@ def _node_problem(node: ast.expr) -> str:
 class Expression:
     """A checked arithmetic expression.
 
-    Parameters
-    ----------
-    text
-        As written.
-    steps
-        The nodes of its syntax tree in the order of evaluation: numbers, names, arithmetic and calls of
-        the known functions, and nothing else.
+    Its steps are the nodes of its syntax tree in the order of evaluation: numbers, names, arithmetic and
+    calls of the known functions, and nothing else.
     """
 
     text: str
@@ -277,13 +262,9 @@ class Expression:
     def fold(self, leaf: Callable[[Fraction | str], T], apply: Callable[[str, list[T]], T]) -> T:
         """Evaluate over any kind of number, without recursion.
 
-        Parameters
-        ----------
-        leaf
-            Returns the value of a literal (a `Fraction`) or of a name (a `str`; `pi` is one).
-        apply
-            Returns the value of an operation (`+ - * / **`, `neg`, `pos`, or a function's name). What it
-            raises as `OutOfRangeError` becomes an `ExpressionError` with the place.
+        `leaf` gives a literal (`Fraction`) or a name (`str`; `pi` is one) a value, `apply` operations (`+ - *
+        / **`, `neg`, `pos`, or a function's name); what it raises as `OutOfRangeError` becomes an
+        `ExpressionError`.
         """
         stack: list[T] = []
         for node in self.steps:
@@ -302,10 +283,7 @@ class Expression:
     def evaluate(self, env: Mapping[str, Number]) -> Number:
         """Return the value: exact (a `Fraction`, which may be irrational) unless a float is involved.
 
-        Raises
-        ------
-        ExpressionError
-            When a name has no value, or the value is not a finite real number of reasonable size.
+        `ExpressionError` when a name has no value, or the value is not finite, real and of reasonable size.
         """
 
         def leaf(item: Fraction | str) -> Number:
@@ -322,29 +300,15 @@ class Expression:
 
 @lru_cache(maxsize=1024)  # copies of a model repeat their expressions
 def parse(text: str) -> Expression:
-    """Return the expression that a text holds.
-
-    Raises
-    ------
-    ExpressionError
-        When the text is anything but arithmetic on numbers, names, `pi` and the known functions.
-    """
+    """Return the expression of a text, which is arithmetic on numbers, names, `pi` and known functions."""
     return Expression(text, _parse_arithmetic(text))
 
 
 def resolve_parameters(raw: Mapping[str, Any]) -> tuple[dict[str, Number], dict[str, str]]:
-    """Return the values of parameters, which may refer to each other in any order.
+    """Return the values of parameters, which may refer to each other in any order, and messages of faults.
 
-    Parameters
-    ----------
-    raw
-        Numbers and expressions by name. Numbers are read as the decimals they are written as.
-
-    Returns
-    -------
-    tuple
-        The values, and a message for every parameter at fault. A parameter that depends on one at
-        fault has neither.
+    Numbers are read as the decimals they are written as. A parameter that depends on one at fault has neither
+    value nor message.
     """
     faults: dict[str, str] = {}
     expressions: dict[str, Expression] = {}

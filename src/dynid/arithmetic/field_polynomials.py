@@ -60,15 +60,7 @@ class _RingElement(ABC):
 
 
 class FieldNumber(_RingElement):
-    """A number of the field.
-
-    Parameters
-    ----------
-    field
-        The field.
-    value
-        The coded number (flint `fmpq`).
-    """
+    """A number of the field, coded (flint `fmpq`)."""
 
     __slots__ = ()
 
@@ -146,15 +138,7 @@ P = TypeVar("P", bound="FieldPolynomial")
 
 
 class FieldPolynomial(_RingElement):
-    """A polynomial over the field.
-
-    Parameters
-    ----------
-    field
-        The field.
-    value
-        Its coded coefficients (flint `fmpq_poly` or `fmpz_poly`).
-    """
+    """A polynomial over the field, its coefficients coded (flint `fmpq_poly` or `fmpz_poly`)."""
 
     __slots__ = ()
 
@@ -254,13 +238,7 @@ class FieldPolynomial(_RingElement):
         return _divided(self, self._made(self._value(other)))[1]
 
     def gcd(self, other: Any) -> Self:
-        """Return the monic greatest common divisor.
-
-        Raises
-        ------
-        NumericalError
-            Where coded numbers lose their accuracy on the way.
-        """
+        """Return the monic greatest common divisor; `NumericalError` where coding loses its accuracy."""
         a, b = self, self._made(self._value(other))
         if not a or not b:
             return (a or b).monic() if a or b else a
@@ -417,12 +395,7 @@ def leading_ratio(above: Any, below: Any) -> Fraction:
 def integers(*polynomials: Any, rounded: bool = False) -> list[Any]:
     """Return polynomials as integer polynomials (flint `fmpz_poly`), all times the same number.
 
-    Parameters
-    ----------
-    polynomials
-        Over the integers, which stay, or over a field.
-    rounded
-        Whether coefficients are rounded in the end (`settled`), not as they are coded.
+    With `rounded` coefficients over a field are rounded in the end (`settled`), not as they are coded.
     """
     if not any(isinstance(polynomial, FieldPolynomial) for polynomial in polynomials):
         return list(polynomials)

@@ -23,12 +23,8 @@ def integer_relation(
 ) -> list[Fraction] | None:
     """Return the rational coefficients by which a number seems to be a sum of others; None where it is none.
 
-    Parameters
-    ----------
-    real, basis
-        Enclosures at the working precision.
-    largest
-        Most that numerators and denominators may be; 0: no limit.
+    They are known as enclosures at the working precision; `largest` limits numerators and denominators (0:
+    not).
     """
     if not basis:
         return None

@@ -17,17 +17,7 @@ _SUSPICIOUS = Fraction(1, 10**6)
 
 
 class Square(NamedTuple):
-    """One term ``D_k l_k l_k^T`` of the sum.
-
-    Parameters
-    ----------
-    pivot
-        The row in which ``l_k`` is 1.
-    value
-        The positive number D_k.
-    entries
-        The other nonzero entries of ``l_k`` by row.
-    """
+    """One term ``D_k l_k l_k^T`` of the sum: D_k > 0, and ``l_k``, which is 1 in the row of the pivot."""
 
     pivot: int
     value: Any
@@ -66,22 +56,9 @@ def squares(
     """Return a positive semidefinite matrix of fractions as a sum of as many squares as its rank.
 
     The pivot is the diagonal entry whose row has the shortest numbers, so that fractions and fill stay small.
-
-    Parameters
-    ----------
-    rows
-        The matrix.
-    rounding
-        Relative rounding of the entries: a pivot that is no more than the rounding of the sum it is made of
-        is zero. 0: the entries are exact.
-    signed
-        True: an indefinite matrix is a sum of squares of either sign, more than its rank where its diagonal
-        vanishes.
-
-    Raises
-    ------
-    Indefinite
-        If it has a negative eigenvalue, unless `signed`.
+    With a relative `rounding` of the entries, a pivot no larger than that of the sum it is made of is zero.
+    If `signed`, an indefinite matrix, else an error, is a sum of squares of either sign, more than its rank
+    where its diagonal vanishes.
     """
     left = {i: dict(row) for i, row in rows.items()}
     diagonal = {i: row.get(i, Fraction(0)) for i, row in rows.items()}
@@ -145,19 +122,9 @@ def _is_rounding(rows: Rows, pivots: Sequence[Square], left: Rows, candidate: in
 
 
 def dependent_squares(rows: Rows, order: Sequence[Square]) -> list[Square]:
-    """Return the squares of a matrix of numbers that depend on parameters, with the pivots of `squares`.
+    """Return the squares of a matrix of dependent numbers, with the pivots that it has at reference values.
 
-    Parameters
-    ----------
-    rows
-        The matrix.
-    order
-        Its squares at the reference values of the parameters.
-
-    Raises
-    ------
-    ZeroDivisionError
-        If an entry of a square is zero at the reference values, but not at others.
+    `ZeroDivisionError` if an entry of a square is zero there, but not at other values.
     """
     left = {i: dict(row) for i, row in rows.items()}
     result = []

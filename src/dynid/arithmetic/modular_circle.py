@@ -27,15 +27,7 @@ def prime_factors(number: int) -> list[tuple[int, int]]:
 
 
 class ModularCircle:
-    """The circle modulo a prime.
-
-    Parameters
-    ----------
-    prime
-        The prime, -1 modulo the order.
-    order
-        The order of the unit, a multiple of 8.
-    """
+    """The circle modulo a prime, -1 modulo the order of the unit, a multiple of 8."""
 
     def __init__(self, prime: int, order: int) -> None:
         self.prime, self.order = prime, order

@@ -44,19 +44,9 @@ Number = Fraction | float
 
 
 def to_fraction(value: float | Fraction, reading: Literal["decimal", "binary"] = "decimal") -> Fraction:
-    """Return a number as a fraction.
+    """Return a finite number as a fraction.
 
-    Parameters
-    ----------
-    value
-        A finite number.
-    reading
-        How a float is read: as the shortest decimal that prints it (0.1 is 1/10), or as its binary value.
-
-    Raises
-    ------
-    OutOfRangeError
-        When it is not a finite number.
+    A float is read as the shortest decimal that prints it (0.1 is 1/10), or as its binary value.
     """
     checked = as_number(value)
     if isinstance(checked, Irrational) and reading == "binary":
@@ -81,11 +71,7 @@ def apply(operation: str, operands: list[Number]) -> Number:
     """Return the result of an operation or function of expressions on numbers.
 
     It is exact where all operands are: a fraction, or an irrational number that keeps its meaning.
-
-    Raises
-    ------
-    OutOfRangeError
-        When there is no finite real result, it is too large, or it cannot be decided whether it is zero.
+    `OutOfRangeError` when it is not finite and real, too large, or undecidably near zero.
     """
     rounded = operands
     if any(isinstance(operand, Irrational) for operand in operands):
@@ -344,13 +330,7 @@ def _operand_of(value: Fraction) -> Term | Fraction:
 
 
 def irrational(operation: str, operands: Iterable[Fraction], double: float) -> Fraction:
-    """Return the value of an operation on exact numbers of which a double is known.
-
-    Raises
-    ------
-    OutOfRangeError
-        Where it cannot be decided whether a sum is zero, or whether its value can be rounded.
-    """
+    """Return the value of an operation on exact numbers of which a double is known."""
     arguments = tuple(operands)
     term = Term(operation, tuple(map(_operand_of, arguments)))
     scale = max(abs(float(argument)) for argument in arguments) if operation in ("+", "-") else 1.0

@@ -105,26 +105,9 @@ class _Generator:
 class RealField:
     """The field that terms lie in.
 
-    Parameters
-    ----------
-    terms
-        The terms.
-    order
-        Of the system that is computed with coded numbers: common factors of its polynomials lose accuracy.
-
-    Raises
-    ------
-    OutOfRangeError
-        Where no prime is found.
-
-    Attributes
-    ----------
-    prime
-        The prime.
-    polynomials
-        Polynomials modulo the prime (flint `fmpz_mod_poly_ctx`).
-    enclosure
-        Function that returns an enclosure of a number at the working precision (flint `arb`).
+    `order` is that of the system that is computed with coded numbers: common factors of its polynomials lose
+    accuracy. `polynomials` is the context of those modulo `prime` (flint `fmpz_mod_poly_ctx`); `enclosure`
+    returns an enclosure of a number at the working precision (flint `arb`).
     """
 
     def __init__(self, terms: Iterable[Term], order: int = 0) -> None:
@@ -440,10 +423,7 @@ class RealField:
     def simplified(self, term: Term) -> Fraction | float:
         """Return the value of a term: a fraction where it is rational, else rounded to the nearest double.
 
-        Raises
-        ------
-        OutOfRangeError
-            Where its enclosures hold zero at every precision although its residue is not zero.
+        `OutOfRangeError` where enclosures hold zero at every precision although the residue is not zero.
         """
         image = self._images[id(term)]
         if image == 0:
@@ -487,19 +467,9 @@ class RealField:
             precision *= 2
 
     def near(self, close: Any, image: int) -> Any:
-        """Return a number with a residue that agrees with another one to the accuracy of coded numbers.
+        """Return a number (`fmpq`) with a residue that agrees with another one, not 0, to the coded accuracy.
 
-        Parameters
-        ----------
-        close
-            The other number (flint `fmpq`), not 0.
-        image
-            The residue.
-
-        Returns
-        -------
-        flint fmpq
-            A fraction whose denominator is a power of 2.
+        Its denominator is a power of 2.
         """
         above, below, prime = close.p, close.q, self.prime
         shift = self.bits + prime.bit_length() + below.bit_length() - above.bit_length()

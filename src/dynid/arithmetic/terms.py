@@ -15,15 +15,7 @@ class OutOfRangeError(ArithmeticError):
 
 
 class Term:
-    """An operation on numbers that are kept as written.
-
-    Parameters
-    ----------
-    operation
-        Named as in `numbers.apply`; `pi` has no operands.
-    operands
-        Fractions and terms.
-    """
+    """An operation on fractions and terms, named as in `numbers.apply`; `pi` has no operands."""
 
     __slots__ = ("operands", "operation")
 

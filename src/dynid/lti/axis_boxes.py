@@ -27,28 +27,14 @@ INTERVALS = "terms on intervals of frequencies; their number grows with delay ti
 
 
 class Work:
-    """The budget of searches: a limit that depends on no clock.
-
-    Parameters
-    ----------
-    limit
-        What may be counted.
-    unit
-        What is counted, and what its number grows with.
-    """
+    """The budget of searches, a limit on a `unit` that depends on no clock."""
 
     def __init__(self, limit: int, unit: str = INTERVALS) -> None:
         self.limit = self.left = limit
         self.unit = unit
 
     def spend(self, count: int) -> None:
-        """Count some more.
-
-        Raises
-        ------
-        Undecided
-            Where it is more than the limit.
-        """
+        """Count some more; `Undecided` where it is more than the limit."""
         self.left -= count
         if self.left < 0:
             raise Undecided(f"the search takes more than {self.limit} {self.unit}")
@@ -58,16 +44,8 @@ class Work:
 class Expansion:
     """A function on intervals: value and slope (by ρ) in the middle, and bounds.
 
-    Parameters
-    ----------
-    value, slope
-        In the middle.
-    bend
-        Bound on the second derivative by ρ.
-    error
-        Bound on the round-off of the value.
-    width
-        Half width η of the intervals, relative to their middles.
+    `bend` bounds the second derivative by ρ, `error` the round-off of the value; `width` is the half width η
+    of the intervals, relative to their middles.
     """
 
     value: ComplexArray
@@ -120,28 +98,14 @@ class Expansion:
 
 @dataclass(frozen=True)
 class Sum:
-    """A quasi-polynomial on intervals: the expansions of its terms, and of their sum.
-
-    Parameters
-    ----------
-    terms
-        The terms, without their factors exp(-s τ): the one without delay first where there is one.
-    total
-        Their sum, with the factors.
-    """
+    """The `total` of a quasi-polynomial on intervals; its terms without exp(-s τ), the prompt one first."""
 
     terms: tuple[Expansion, ...]
     total: Expansion
 
 
 class AxisFunctions:
-    """Several quasi-polynomials on the imaginary axis, over one scale of values and frequencies.
-
-    Parameters
-    ----------
-    functions
-        Ball arithmetic of the functions.
-    """
+    """Several quasi-polynomials on the imaginary axis, over one scale of values and frequencies."""
 
     def __init__(self, functions: Sequence[Balls]) -> None:
         terms = [(number, term) for number, function in enumerate(functions) for term in function.terms]
@@ -212,13 +176,7 @@ def _sum(parts: list[tuple[Expansion, float]], middle: Array) -> Sum:
 
 
 def _scaled(polynomials: Sequence[object], degree: int) -> tuple[float, NDArray[np.float64]]:
-    """Return a scale of frequencies, and coefficients in its powers, divided by the largest.
-
-    Raises
-    ------
-    Undecided
-        Where doubles do not hold them.
-    """
+    """Return a scale of frequencies, and coefficients in its powers, divided by the largest."""
     from flint import arb
 
     rows = [[abs(polynomial[k].real) for k in range(degree + 1)] for polynomial in polynomials]  # type: ignore[index]

@@ -104,17 +104,8 @@ def root_balls(
 ) -> list[Any]:
     """Return balls (flint `acb`) of the roots, repeated by multiplicity, their half-planes undecided.
 
-    They cost less than certified roots. Real roots are exactly real.
-
-    Parameters
-    ----------
-    polynomial, starts, work
-        As in `certified_roots`.
-
-    Raises
-    ------
-    Undecided
-        Where it costs more.
+    They cost less than certified roots. Real roots are exactly real. Parameters and errors as of
+    `certified_roots`.
     """
     from flint import acb, fmpz_poly
 

@@ -53,16 +53,10 @@ def delay_margins(
     verdict: Verdict | None = None,
     search: int = SEARCH,
 ) -> Margins:
-    """Return the margins of a loop with delays; those that are undecided are NaN.
+    """Return the margins of a loop L(s), those that are undecided NaN.
 
-    Parameters
-    ----------
-    numerator, denominator
-        The open-loop transfer function L(s) of negative feedback, without common factors.
-    verdict
-        The verdict on the closed loop, where it is known.
-    search
-        What the margins may cost, in terms on intervals of frequencies.
+    Numerator and denominator have no common factor; `verdict` on the closed loop, where it is known; `search`
+    limits the cost, in terms on intervals of frequencies.
     """
     from flint import ctx
 
@@ -155,13 +149,7 @@ class _Loop:
     # --- |L| = 1 ------------------------------------------------------------------------------------
 
     def gain_crossings(self, margins: dict[str, float]) -> None:
-        """Add the phase and the delay margin, from the positive frequencies at which |L| = 1.
-
-        Raises
-        ------
-        Undecided
-            Where there are infinitely many, or too many.
-        """
+        """Add the phase and the delay margin, from the positive frequencies at which |L| = 1."""
         a, b = self.operators
         below, above = gap(b, a), gap(a, b)
         if below == 0:  # |L| does not stay below 1: a delay however small adds roots of high frequency
@@ -225,13 +213,7 @@ class _Loop:
     # --- L real and negative ------------------------------------------------------------------------
 
     def phase_crossings(self, margins: dict[str, float]) -> None:
-        """Add the gain margins: the factors nearest to 1 that make L = -1, and their frequencies.
-
-        Raises
-        ------
-        Undecided
-            Where it is undecided from which frequency on there is none.
-        """
+        """Add the gain margins: the factors nearest to 1 that make L = -1, and their frequencies."""
         if self.critical is None:
             raise Undecided("roots of high frequency pass the axis at gains that are undecided")
         low, high = self.critical

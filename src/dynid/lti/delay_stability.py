@@ -118,10 +118,7 @@ def _fast_zeros(closed: QuasiPolynomial, work: Work) -> int:
 
 
 def _operator_zeros(closed: QuasiPolynomial, work: Work, line: float = 0.0) -> tuple[int, Fraction]:
-    """Return the zeros exp(-s h) of the difference operator with Re s above `line`, and its least size there.
-
-    The delays are as they are, multiples of h.
-    """
+    """Return the zeros exp(-s h) of the difference operator, Re s > `line`, and its least size there."""
     from flint import fmpz_poly
 
     degree = max(int(polynomial.degree()) for polynomial in closed.terms.values())
@@ -150,20 +147,8 @@ def _operator_zeros(closed: QuasiPolynomial, work: Work, line: float = 0.0) -> t
 def roots_right_of(function: QuasiPolynomial, line: float = 0.0, work: Work | None = None) -> int:
     """Return the number of roots with real part above `line`, multiple ones counted so.
 
-    Parameters
-    ----------
-    function
-        The quasi-polynomial. A root at the origin is not counted where the line is the axis.
-    line
-        Real part of the line.
-    work
-        What the count may cost.
-
-    Raises
-    ------
-    Undecided
-        Where a root lies on the line, or too near to be told from one that does; where infinitely many roots
-        may lie right of it; or where the count would cost too much.
+    A root at the origin is not counted where the line is the axis. `Undecided` where a root lies on the line
+    or too near it, where infinitely many may lie right of it, or where the count costs too much.
     """
     return _roots_right(function, work or Work(COUNT), line)
 
@@ -219,19 +204,7 @@ def _ball(value: Fraction) -> Any:
 def lower_powers_below(parts: Iterable[tuple[Balls, float]], degree: int, limit: Fraction) -> float:
     """Return a frequency from which on the lower powers of functions, over s^degree, are below a limit.
 
-    Parameters
-    ----------
-    parts
-        Functions, and factors on them.
-    degree
-        The power that is not a lower one.
-    limit
-        The limit on the sum of the sizes.
-
-    Raises
-    ------
-    Undecided
-        Where there is none in the range of doubles.
+    `parts` are the functions with factors on them; the limit is on the sum of the sizes.
     """
     lower = [
         (float_log(abs(term.polynomials[0][k])) + math.log2(factor), degree - k)
@@ -352,16 +325,7 @@ def rightmost_roots(
 ) -> tuple[list[RefinedRoot], float]:
     """Return the rightmost roots, and a line right of which none is missing (inf where that is not proved).
 
-    Parameters
-    ----------
-    function
-        As in `roots_right_of`.
-    starts
-        First values, of which many may lead to one root.
-    max_roots
-        About the number of roots that are wanted.
-    work
-        What the proof may cost.
+    Many `starts` may lead to one root. `work` limits the cost of the proof.
     """
     work = work or Work(COUNT)
     roots = [RefinedRoot(0j, 0.0)] if function.at_origin() == 0 else []

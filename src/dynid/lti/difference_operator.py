@@ -45,12 +45,7 @@ Coefficients = Mapping[frozenset[Any], Fraction]
 def separation(coefficients: Coefficients, work: Work | None = None) -> Fraction | None:
     """Return a lower bound on |D| over the closed polydisc; 0 where D has a zero there, None if undecided.
 
-    Parameters
-    ----------
-    coefficients
-        The coefficients of D by the set of its variables in each term.
-    work
-        What boxes of the torus may cost; default: `TORUS`.
+    `work` limits the boxes of the torus; default: `TORUS`.
     """
     work = work or _torus_work()
     coefficients = {key: value for key, value in coefficients.items() if value}
@@ -187,16 +182,8 @@ def _least_difference(
 def critical_gains(smaller: Coefficients, larger: Coefficients) -> tuple[float, float] | None:
     """Return the gains k nearest to 1, below and above, at which D = b + k a gets a zero in the polydisc.
 
-    Parameters
-    ----------
-    smaller, larger
-        The coefficients of a and of b. Where b + a has such a zero itself, the gains are those at which this
-        changes.
-
-    Returns
-    -------
-    tuple or None
-        0 and inf where there is none; None if undecided.
+    `smaller` is a, `larger` b. Where b + a has such a zero itself, the gains are those at which this changes;
+    0 and inf where there is none, None if undecided.
     """
     variables = _variables(smaller, larger)
     gains = set[Fraction | float]()

@@ -50,23 +50,10 @@ def enclosures(
 ) -> list[Any]:
     """Return one ball (flint `acb`) for every root of a square-free polynomial; real roots are exactly real.
 
-    Parameters
-    ----------
-    polynomial
-        Flint `fmpz_poly` without multiple roots and with a constant term.
-    starts
-        Approximate roots, perhaps some of other polynomials; default: found here.
-    sides
-        True if the real part too is needed to a relative 64 bits; then no root may lie on the imaginary axis.
-    work
-        What it may cost, in `EVALUATIONS`.
-
-    Raises
-    ------
-    ArithmeticError
-        Where 65,536 bits do not separate a root from the axis.
-    Undecided
-        Where it costs more.
+    The polynomial has a constant term. `starts` are approximate roots, perhaps of others. With `sides` the
+    real part is found to a relative 64 bits, too; then no root may lie on the imaginary axis, and
+    `ArithmeticError` says that 65,536 bits do not separate one from it. `work` limits the cost, in
+    `EVALUATIONS`.
     """
     radii = _newton_radii(polynomial)
     exponent = round((max(radii) + min(radii)) / 2)

@@ -26,25 +26,6 @@ def exponential_with_derivatives(A: Array, dA: Array, h: float) -> tuple[Array, 
     product rule is applied to every product, so value and derivatives have the same accuracy. The relative
     error is a few roundings times max(1, norm(A h)), the condition of the problem itself for oscillatory A.
     Balance A first (`balance`) where its units make the norm larger than its eigenvalues.
-
-    Parameters
-    ----------
-    A
-        Matrix (n x n), 1/s.
-    dA
-        Its derivatives (parameters x n x n).
-    h
-        Step, s.
-
-    Returns
-    -------
-    Phi, dPhi
-        exp(A h) (n x n) and its derivatives (parameters x n x n).
-
-    Raises
-    ------
-    NumericalError
-        If A h is not finite, or the exponential overflows.
     """
     S = np.concatenate([A[None], dA])
     with np.errstate(over="ignore", invalid="ignore"):
@@ -104,15 +85,7 @@ def _product(X: Array, Y: Array) -> Array:
 def balance(A: Array) -> Array:
     """Return the diagonal d, powers of two, that makes ``A_ij d_j / d_i`` small (Osborne's iteration).
 
-    Parameters
-    ----------
-    A
-        Matrix (n x n), finite.
-
-    Returns
-    -------
-    Array
-        The scale of each state (n), between 2^-400 and 2^400; scaling by it is exact.
+    The scales (n) of the states lie between 2^-400 and 2^400; scaling by them is exact.
     """
     size = np.abs(A) * (1.0 - np.eye(len(A)))
     exponents = np.zeros(len(A), dtype=int)

@@ -38,20 +38,9 @@ _SUM_PRECISIONS = (160, 320, 640, 1280, 2560, 5120)
 class ExponentialSum:
     """The transient d(t) of the response of a stable, proper T(s) to a unit step, for t > 0.
 
-    Times inside are in units of 1/|p| of the fastest pole, values in units of the largest residue.
-
-    Parameters
-    ----------
-    numerator, denominator
-        T(s) in lowest terms: integer polynomials (flint `fmpz_poly`), all poles in the open left half-plane,
-        at least one.
-
-    Attributes
-    ----------
-    time
-        The unit of time, s.
-    size
-        The unit of values (flint `arb`).
+    T(s) is in lowest terms (flint `fmpz_poly`), its poles in the open left half-plane, one at least. Times
+    inside are in units of `time`, 1/|p| of the fastest pole, s; values in units of `size`, the largest
+    residue (`arb`).
     """
 
     def __init__(self, numerator: Any, denominator: Any) -> None:
@@ -163,13 +152,7 @@ class ExponentialSum:
     # Extremes
 
     def pieces(self, start: float, stop: float, *, backward: bool = False) -> Iterator[tuple[Array, Array]]:
-        """Yield spans of time in order: times between which d is monotone, the ends included, and d there.
-
-        Raises
-        ------
-        NumericalError
-            After several thousand spans.
-        """
+        """Yield spans of time in order: times between which d is monotone, the ends included, and d there."""
         spans, visited = [(start, stop)], 0
         while spans:
             low, high = spans.pop()
@@ -288,11 +271,6 @@ def _vanishing(numerator: Any, denominator: Any) -> list[tuple[Any, list[int]]]:
 
     At a root x of an irreducible factor f of multiplicity m these coefficients, of
     T(x + h)/(x + h) h^m = a(h)/b(h), are polynomials in x modulo f.
-
-    Returns
-    -------
-    list
-        Factors (flint `fmpz_poly`), and by factor the powers of h.
     """
     from flint import fmpq_poly
 

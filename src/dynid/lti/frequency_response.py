@@ -34,26 +34,10 @@ _ZERO_RATIO, _NONZERO_RATIO = 30.0, 3e3
 
 @guarded("the frequency response")
 def frequency_response(system: StateSpace, omega: ArrayLike) -> ComplexArray:
-    """Evaluate ``C (i omega - A)^-1 B + D + i omega D1 + …``.
+    """Evaluate ``C (i omega - A)^-1 B + D + i omega D1 + …`` (omega x output x input).
 
-    Every solve is balanced, its condition bounded by a probe and its residual checked.
-
-    Parameters
-    ----------
-    system
-        The system.
-    omega
-        Angular frequencies, rad/s.
-
-    Returns
-    -------
-    ComplexArray
-        The response (omega x output x input); inf at an undamped pole in the channel.
-
-    Raises
-    ------
-    Singular
-        If a frequency lies on an undamped pole, and rounding hides which responses are infinite there.
+    Every solve is balanced, its condition bounded by a probe and its residual checked. The response is
+    infinite at an undamped pole in the channel; `Singular` where rounding hides which responses are.
     """
     w = _frequencies(omega)
     n = len(system.A)
@@ -79,30 +63,10 @@ def frequency_response(system: StateSpace, omega: ArrayLike) -> ComplexArray:
 def second_order_response(
     M: Array, C: Array, K: Array, forces: Array, outputs: Array, powers: ArrayLike, omega: ArrayLike
 ) -> ComplexArray:
-    """Evaluate ``(i omega)^power outputs (K + i omega C - omega^2 M)^-1 forces``.
+    """Evaluate ``(i omega)^power outputs (K + i omega C - omega^2 M)^-1 forces``, as `frequency_response`.
 
-    Parameters
-    ----------
-    M, C, K
-        Mass, damping and stiffness (n x n).
-    forces
-        Force directions (n x inputs).
-    outputs
-        Displacement rows (outputs x n).
-    powers
-        The power of i omega of each output: 0 receptance, 1 mobility, 2 accelerance.
-    omega
-        Angular frequencies, rad/s.
-
-    Returns
-    -------
-    ComplexArray
-        The response (omega x output x input); inf at an undamped pole in the channel.
-
-    Raises
-    ------
-    Singular
-        If a frequency lies on an undamped pole, and rounding hides which responses are infinite there.
+    `forces` are columns (n x inputs), `outputs` displacement rows (outputs x n), each with its power of i
+    omega: 0 receptance, 1 mobility, 2 accelerance.
     """
     w = _frequencies(omega)
     stiffness, mass, damping = (np.abs(np.diag(matrix)) for matrix in (K, M, C))
@@ -164,20 +128,10 @@ def _solved(
 
 
 def checked_solve(Z: ComplexArray, right: Array | ComplexArray) -> tuple[ComplexArray, NDArray[np.bool_]]:
-    """Solve equations (L x n x n), and judge the solutions.
+    """Solve balanced equations (L x n x n); return solutions (L x n x columns) and a mask of bad ones (L).
 
-    Parameters
-    ----------
-    Z
-        The matrices, balanced.
-    right
-        Right-hand sides (L x n x columns); the last one is a probe, whose growth estimates the condition.
-
-    Returns
-    -------
-    tuple
-        The solutions (L x n x columns), and a mask (L) of those that are ill conditioned or leave a large
-        residual.
+    The last right-hand side is a probe, whose growth estimates the condition; bad ones are ill conditioned,
+    or leave a large residual.
     """
     try:
         solution = np.linalg.solve(Z, right.astype(complex))
@@ -207,28 +161,10 @@ def at_a_pole(
     powers: NDArray[np.int64],
     omega: float,
 ) -> ComplexArray:
-    """Return ``s^power left Z(s)^-1 right`` in the limit of s at a pole j omega.
+    """Return ``s^power left Z(s)^-1 right`` (outputs x inputs) in the limit of s at a pole j omega.
 
-    Parameters
-    ----------
-    Z
-        Z0, Z1 and Z2 (n x n), scaled so that their entries have similar sizes.
-    left, right
-        Read-outs (outputs x n) and inputs (n x inputs).
-    powers
-        The power of s of every output.
-    omega
-        The frequency, rad/s.
-
-    Returns
-    -------
-    ComplexArray
-        The response (outputs x inputs), inf where the limit is infinite.
-
-    Raises
-    ------
-    Singular
-        Where rounding hides which responses are infinite.
+    Z0, Z1 and Z2 (n x n) are scaled so that their entries have similar sizes; `powers` has that of each
+    output. Infinite limits are inf; `Singular` where rounding hides which these are.
     """
     Z0, Z1, Z2 = Z
     U, sizes, Vh = np.linalg.svd(Z0)

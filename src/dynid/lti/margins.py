@@ -96,13 +96,9 @@ class Margins:
 
 
 def margins(numerator: Any, denominator: Any) -> Margins:
-    """Return the margins of a loop.
+    """Return the margins of a loop, the transfer function L(s) of negative feedback (flint `fmpz_poly`).
 
-    Parameters
-    ----------
-    numerator, denominator
-        The open-loop transfer function L(s) of negative feedback: integer polynomials (flint `fmpz_poly`)
-        without a common factor; 0/1 of a feed-forward, which limits nothing and moves no pole.
+    Its polynomials have no common factor; 0/1 is a feed-forward, which limits nothing and moves no pole.
     """
     n, d = _on_axis(numerator), _on_axis(denominator)
     size_n, size_d = _squared(n), _squared(d)

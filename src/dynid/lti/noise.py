@@ -28,18 +28,9 @@ HOLDS = ("spline", "linear", "zero")
 
 @dataclass(frozen=True, eq=False)
 class Sampled(SmoothSignal):
-    """A signal known by its samples, continued between them by a hold.
+    """A signal known by its samples at ``start + k step``, continued between them by a hold.
 
-    Parameters
-    ----------
-    values
-        Samples, at ``start + k step``.
-    step
-        Sampling step, s.
-    hold
-        ``spline``: cubic, not-a-knot ends; ``linear``; ``zero``: constant until the next sample.
-    start
-        Time of the first sample, s.
+    Holds: ``spline`` (cubic, not-a-knot ends), ``linear``, ``zero`` (constant until the next sample).
     """
 
     kind: ClassVar[str] = "file"
@@ -147,23 +138,10 @@ _MAX_NOISE_SAMPLES = 20_000_000
 class Random(SmoothSignal):
     """Gaussian noise: a finite sum of Fourier lines with seeded complex normal amplitudes.
 
-    The lines lie at multiples of 2 pi / (samples step), inside `band` or, without one, below the Nyquist
-    frequency of `step`; the expected standard deviation is `amplitude`. The sum is the continuous signal.
-
-    Parameters
-    ----------
-    amplitude
-        Standard deviation.
-    seed
-        Seed of the generator (PCG64).
-    band
-        Lowest and highest angular frequency, rad/s, optional.
-    step
-        Sampling step of the record, s (set by the record, not a key of scenes).
-    samples
-        Number of steps in one period, from t = 0 on (set by the record, not a key of scenes).
-    hold
-        Hold between the samples for an estimator, which receives samples only; see `Sampled`.
+    The lines lie at multiples of 2 pi / (samples step), inside `band` (rad/s) or, without one, below the
+    Nyquist frequency of `step`; the expected standard deviation is `amplitude`. The sum is the continuous
+    signal; `hold` is for an estimator, which receives samples only. The record sets `step` (s) and the number
+    of `samples` from t = 0 on, one period.
     """
 
     kind: ClassVar[str] = "random"
@@ -250,23 +228,11 @@ class Random(SmoothSignal):
 
 @dataclass(frozen=True)
 class WhiteNoise(SmoothSignal):
-    """White Gaussian samples joined by a cubic spline.
+    """White Gaussian samples of standard deviation `amplitude`, joined by a cubic spline.
 
     The spline is the continuous signal: an estimator with a spline hold reproduces it exactly. Fourier lines
-    up to the Nyquist frequency (`Random`), which no hold can follow, would bias the estimate.
-
-    Parameters
-    ----------
-    amplitude
-        Standard deviation of the samples.
-    seed
-        Seed of the generator (PCG64).
-    step
-        Sampling step of the record, s (set by the record, not a key of scenes).
-    samples
-        Number of steps from t = 0 on (set by the record, not a key of scenes).
-    hold
-        Hold between the samples for an estimator, which receives samples only; see `Sampled`.
+    up to the Nyquist frequency (`Random`), which no hold can follow, would bias the estimate. Other
+    parameters are those of `Random`.
     """
 
     kind: ClassVar[str] = "random"

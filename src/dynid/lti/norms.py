@@ -99,13 +99,8 @@ def without_hidden(system: ParametricSystem) -> tuple[ParametricSystem, ComplexA
 def h2_norm(system: ParametricSystem) -> tuple[float, Array]:
     """Return the H2 norm of a stable system without direct term, and its derivatives by the parameters (p).
 
-    The norm is the root of the mean square of the response to white noise of intensity 1, and the root of the
-    integral of the squared impulse response.
-
-    Parameters
-    ----------
-    system
-        The system; its hidden modes are stable (`without_hidden`).
+    It is the root of the mean square of the response to white noise of intensity 1, and of the integral of
+    the squared impulse response. Hidden modes must be stable (`without_hidden`).
     """
     from scipy.linalg import solve_continuous_lyapunov
 
@@ -123,19 +118,10 @@ def h2_norm(system: ParametricSystem) -> tuple[float, Array]:
 
 
 def maxima(system: ParametricSystem, poles: ComplexArray, low: float = 0.0, high: float = math.inf) -> Maxima:
-    """Return the local maxima of the magnitude of a response over a band, with their derivatives.
+    """Return the local maxima of the magnitude of a response over a band (rad/s), with their derivatives.
 
     Between the points of a grid that is dense around every pole, each change of sign of the derivative by the
-    frequency is narrowed down to rounding.
-
-    Parameters
-    ----------
-    system
-        The system; no pole of the response is on the imaginary axis within the band.
-    poles
-        The poles of the response.
-    low, high
-        The band, rad/s.
+    frequency is narrowed down to rounding. No pole may lie on the imaginary axis within the band.
     """
     grid = _grid(poles, low, high)
     rising = _slope(system, grid)[0]

@@ -40,15 +40,7 @@ _BRACKET_ROUNDS = 30
 
 
 class Peaks(NamedTuple):
-    """The largest magnitude of every channel and its frequency.
-
-    Parameters
-    ----------
-    magnitude
-        The largest magnitude over the band of the grid, shape (output, input); inf at an undamped pole.
-    omega
-        Frequency of the maximum, rad/s, same shape.
-    """
+    """The largest magnitude of every channel (output, input), inf at an undamped pole; where, rad/s."""
 
     magnitude: Array
     omega: Array
@@ -57,26 +49,12 @@ class Peaks(NamedTuple):
 def peaks(
     evaluate: ResponseFunction, omega: ArrayLike, response: ComplexArray, near: ArrayLike = ()
 ) -> Peaks:
-    """Find the largest magnitude of every channel over the band of a grid.
+    """Find the largest magnitude of every channel over the band of an ascending grid, rad/s.
 
-    Parameters
-    ----------
-    evaluate
-        The response at any frequencies of the band. Where it raises `NumericalError` because a frequency lies
-        on an undamped pole to double precision, the response is taken as infinite there.
-    omega
-        The grid, rad/s, ascending.
-    response
-        The response there, shape (omega, output, input).
-    near
-        Further frequencies at which to look for a maximum, rad/s: the imaginary parts and moduli of poles.
-        Those outside the band are left out. With them a resonance between two frequencies of a coarse grid
-        is found; without them only the local maxima of the grid are refined.
-
-    Returns
-    -------
-    Peaks
-        The maxima and their frequencies.
+    Where `evaluate` raises `NumericalError`, because a frequency lies on an undamped pole to double
+    precision, the response is infinite there. `near` are further frequencies at which to look, of the band:
+    imaginary parts and moduli of poles. With them a resonance between two frequencies of a coarse grid is
+    found; without them only the local maxima of the grid are refined.
     """
     grid = np.asarray(omega, dtype=float)
     sizes = np.abs(response)
@@ -204,13 +182,7 @@ class Bandwidth:
 
 
 def bandwidth(numerator: Any, denominator: Any) -> Bandwidth:
-    """Return bandwidth and resonance of a transfer function.
-
-    Parameters
-    ----------
-    numerator, denominator
-        The transfer function in lowest terms: integer polynomials (flint `fmpz_poly`).
-    """
+    """Return bandwidth and resonance of a transfer function in lowest terms (flint `fmpz_poly`)."""
     if numerator == 0:
         return Bandwidth("undefined: the input does not reach the output")
     from flint import ctx

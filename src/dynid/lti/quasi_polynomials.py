@@ -31,12 +31,9 @@ class Delay(NamedTuple):
 class QuasiPolynomial:
     """A sum of polynomials P_k(s) times exp(-s τ_k).
 
-    Parameters
-    ----------
-    terms
-        Integer polynomials (flint `fmpz_poly`) by delay, s, not negative; or by the set of loops (`Delay`)
-        whose delays add up, which tells how the delays of terms depend on each other. For the algebra of this
-        class they may be over a field (`FieldPolynomial`).
+    Terms are integer polynomials (flint `fmpz_poly`) by delay, s, not negative; or by the set of loops
+    (`Delay`) whose delays add up, which tells how the delays of terms depend on each other. For the algebra
+    of this class they may be over a field (`FieldPolynomial`).
     """
 
     def __init__(self, terms: Mapping[Fraction, Any] | Mapping[frozenset[Delay], Any]) -> None:
@@ -167,13 +164,7 @@ class _Term:
 
 @dataclass(frozen=True)
 class Balls:
-    """A quasi-polynomial in ball arithmetic.
-
-    Parameters
-    ----------
-    terms
-        Its terms, the one without delay first where there is one.
-    """
+    """A quasi-polynomial in ball arithmetic; its prompt term is the first."""
 
     terms: tuple[_Term, ...]
 
@@ -226,15 +217,7 @@ class Balls:
 
 @dataclass(frozen=True)
 class RefinedRoot:
-    """A root that was refined.
-
-    Parameters
-    ----------
-    value
-        The root.
-    radius
-        Proved bound on its error: one root, a simple one, lies within.
-    """
+    """A root that was refined; one root, a simple one, provably lies within the radius."""
 
     value: complex
     radius: float

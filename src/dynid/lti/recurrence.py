@@ -21,24 +21,11 @@ _MIN_BLOCKED_STEPS = 8
 def recurrence(
     Phi: Array, forcing: Array, start: Array, power: Callable[[int], Array | None] | None = None
 ) -> Array:
-    """Return the states of ``x(k+1) = Phi x(k) + f(k)``.
+    """Return the states of ``x(k+1) = Phi x(k) + f(k)`` after each step (steps x columns x n).
 
-    Parameters
-    ----------
-    Phi
-        The step (n x n).
-    forcing
-        f (steps x columns x n).
-    start
-        The first states (columns x n).
-    power
-        Returns Phi^k more accurately than k products of the rounded Phi, or None. Over many steps the
-        rounding of Phi accumulates; with `power` only inside a block.
-
-    Returns
-    -------
-    Array
-        The states after each step (steps x columns x n).
+    `forcing` is f, `start` the first states (columns x n). `power` returns Phi^k more accurately than k
+    products of the rounded Phi, or None: over many steps the rounding of Phi accumulates; with it only inside
+    a block.
     """
     steps, columns, n = forcing.shape
     out = np.empty(forcing.shape)
@@ -86,25 +73,9 @@ def powers_of(Phi: Array, count: int) -> Array:
 
 
 def free_response(Phi: Array, start: Array, readout: Array, steps: int) -> tuple[Array, Array]:
-    """Return the outputs of ``X(k+1) = Phi X(k)`` and the last states, without those in between.
+    """Return the outputs of ``X(k+1) = Phi X(k)`` (steps x c x columns), and the last states (n x columns).
 
-    Parameters
-    ----------
-    Phi
-        The step (n x n).
-    start
-        The first states (n x columns).
-    readout
-        Output matrix (c x n).
-    steps
-        Number of steps.
-
-    Returns
-    -------
-    outputs
-        The outputs after each step (steps x c x columns).
-    end
-        The states after the last (n x columns).
+    The states in between are not computed.
     """
     length = max(1, math.isqrt(steps))
     powers = powers_of(Phi, length)

@@ -33,15 +33,7 @@ _MAX_PRODUCTS, _STEP_PRODUCTS, _MAX_DOUBLINGS = 10_000_000, 100, 4
 
 @dataclass(frozen=True, eq=False)
 class RationalMatrices:
-    """The exact matrices of a `StateSpace`, over the rationals (flint `fmpq_mat`).
-
-    Parameters
-    ----------
-    A, B, C
-        As of `StateSpace`.
-    feedthrough
-        D and the higher feedthrough matrices.
-    """
+    """The exact matrices of a `StateSpace` (flint `fmpq_mat`): A, B, C, and D with the higher ones."""
 
     A: Any
     B: Any
@@ -54,24 +46,9 @@ def refined_response(
 ) -> tuple[TimeResponse, float]:
     """Propagate a system as `propagate` does, and recompute outputs that rounding spoils.
 
-    Parameters
-    ----------
-    system, signals, times
-        As of `propagate`.
-    rational
-        Returns the exact matrices; called only where they are needed.
-
-    Returns
-    -------
-    TimeResponse
-        The response.
-    float
-        Largest error of an output relative to its maximum; 0 where it is negligible.
-
-    Raises
-    ------
-    NumericalError
-        As of `propagate`, and where an output is lost to rounding.
+    `rational` returns the exact matrices, where they are needed. The second value is the largest error of an
+    output relative to its maximum, 0 where it is negligible; `NumericalError` where an output is lost to
+    rounding.
     """
     t = np.asarray(times, dtype=float)
     response = propagate(system, signals, t)

@@ -39,15 +39,7 @@ class RootCluster(NamedTuple):
 
 
 def root_clusters(values: ComplexArray, resolution: Resolution) -> list[RootCluster]:
-    """Return the clusters among roots (m) of a real matrix, whose complex ones come in exact conjugate pairs.
-
-    Parameters
-    ----------
-    values
-        The roots.
-    resolution
-        The smallest singular value of the matrix at points over its rounding.
-    """
+    """Return the clusters among roots (m) of a real matrix; complex roots come in exact conjugate pairs."""
     upper = np.flatnonzero(values.imag >= 0)
     z = values[upper]
     size = np.abs(z)

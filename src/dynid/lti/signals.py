@@ -58,22 +58,11 @@ _OF_HOLD = {"spline": 3, "linear": 1, "zero": 0}
 
 
 def signal(kind: str, parameters: Mapping[str, Any], record: RecordTimes) -> Signal:
-    """Return the signal of a scene's keys.
+    """Return the signal of a scene's keys, those that the class of its kind documents.
 
-    Parameters
-    ----------
-    kind
-        ``step`` ``impulse`` ``sine`` ``multisine`` ``chirp`` ``impact`` ``random`` ``file``.
-    parameters
-        The keys that the class of that kind documents; for ``file``: `values`, read beforehand, and
-        optionally `hold`. The samples of a file lie at the record's step, the first at its start.
-    record
-        The record, which sets a chirp's sweep and a random signal's lines.
-
-    Raises
-    ------
-    UsageError
-        If the kind is unknown, or a parameter is unknown, missing or invalid.
+    For ``file`` they are `values`, read beforehand, and optionally `hold`; the samples lie at the record's
+    step, the first at its start. The record also sets a chirp's sweep and a random signal's lines.
+    `UsageError` if the kind or a key is unknown, or a parameter is missing or invalid.
     """
     require(kind in _KINDS, f"there is no signal {kind!r}", f"Known are {', '.join(_KINDS)}.", (kind,))
     allowed, needed = _KEYS[kind]
@@ -104,20 +93,7 @@ def signal(kind: str, parameters: Mapping[str, Any], record: RecordTimes) -> Sig
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
-    """The derivative of a signal: the same generator with another read-out.
-
-    Parameters
-    ----------
-    signal
-        The signal.
-    order
-        The order of the derivative.
-
-    Raises
-    ------
-    UsageError
-        If the derivative has an impulse.
-    """
+    """The derivative of a signal of some order: the same generator with another read-out."""
 
     kind: ClassVar[str] = "derivative"
     pace: ClassVar[str] = "frequency"
@@ -170,24 +146,10 @@ class Derivative:
 
 @dataclass(frozen=True, eq=False)
 class Shifted:
-    """A multiple of a signal at an earlier time: ``gain * u(t - delay)``.
+    """A multiple of a signal at an earlier time: ``gain * u(t - delay)``; a negative delay: later.
 
     Samples keep their first and last value before and after the time that they are known for; any other
     signal is zero before its t = 0.
-
-    Parameters
-    ----------
-    signal
-        The signal u.
-    delay
-        Delay, s; negative: the signal comes earlier.
-    gain
-        What multiplies it.
-
-    Raises
-    ------
-    UsageError
-        If an impulse is delayed.
     """
 
     kind: ClassVar[str] = "shifted"

@@ -105,18 +105,11 @@ class TransferProperties(ABC):
 
 @dataclass(frozen=True)
 class Verdict:
-    """Stability of a system.
+    """Stability of a system, and why.
 
-    Parameters
-    ----------
-    kind
-        stable, marginal, at the limit (of loops with delays, see `lti/delay_stability.py`), unstable,
-        singular (no unique solution, of which stability is not defined) or undecided.
-    reason
-        Why; may be empty.
-    unstable_poles
-        Poles in the right half-plane; inf where there are infinitely many, NaN where it is undecided or not
-        defined.
+    Kinds: stable, marginal, at the limit (of loops with delays, see `lti/delay_stability.py`), unstable,
+    singular (no unique solution, of which stability is not defined) or undecided. Of unstable poles there may
+    be infinitely many (inf); NaN where that is undecided or not defined.
     """
 
     kind: str

@@ -26,11 +26,6 @@ class StateSpace:
         Names; default: ``u1``, ``y1``, ``x1``, ….
     input_units, output_units
         SI units by name's order; default: none.
-
-    Raises
-    ------
-    UsageError
-        If shapes do not fit together or an entry is not finite.
     """
 
     A: Array

@@ -60,13 +60,7 @@ class StepInfo:
 
 
 def step_info(numerator: Any, denominator: Any) -> StepInfo:
-    """Return the characteristics of a step response.
-
-    Parameters
-    ----------
-    numerator, denominator
-        The transfer function in lowest terms: integer polynomials (flint `fmpz_poly`).
-    """
+    """Return the characteristics of a step response of T(s) in lowest terms (flint `fmpz_poly`)."""
     if numerator == 0:
         return StepInfo("undefined: the input does not reach the output")
     poles: tuple[SidedRoot, ...] = certified_roots(denominator)

@@ -60,33 +60,17 @@ def propagate(
     x0: ArrayLike | None = None,
     start: float | None = None,
 ) -> TimeResponse:
-    """Propagate a system exactly; values at a jump are those right after it.
+    """Propagate a system exactly, one signal per input; values at a jump are those right after it.
 
     Each interval takes one product with the exponential of the system joined with its signal generators;
     there is one exponential per distinct interval length. The lines of a random signal enter as particular
     solutions ``(i omega - A)^-1 B``, added to the homogeneous response. The result depends neither on a step
     size nor on stiffness or resonance.
 
-    Parameters
-    ----------
-    system
-        The system.
-    signals
-        One signal per input. An impulse makes the state jump at t = 0; Dirac parts of an output (through D
-        or the higher feedthrough matrices) are not returned.
-    times
-        Strictly increasing times, s.
-    x0
-        State at `start`, before a jump there; default: zero.
-    start
-        Time at which propagation starts, s; default: 0, or the first time if that is negative.
-
-    Raises
-    ------
-    UsageError
-        If shapes or times are invalid.
-    NumericalError
-        If the response overflows, or its phase exceeds double precision.
+    Times (s) strictly increase; propagation starts at `start`, default 0, or the first time if that is
+    negative, with the state `x0` before a jump there. An impulse makes the state jump at t = 0; Dirac parts
+    of an output (through D or the higher feedthrough matrices) are not returned. `NumericalError` if the
+    response overflows, or its phase exceeds double precision.
     """
     t = np.asarray(times, dtype=float)
     if len(signals) != system.B.shape[1]:
@@ -169,19 +153,7 @@ def _split_lines(
 def check_phase(poles: ComplexArray, duration: float, names: Sequence[str] = ()) -> None:
     """Raise a `NumericalError` for oscillations whose phase exceeds double precision.
 
-    Parameters
-    ----------
-    poles
-        The poles, rad/s.
-    duration
-        Time of propagation, s.
-    names
-        Names for the error.
-
-    Raises
-    ------
-    NumericalError
-        If an oscillation that has not decayed turns by more than about 4e12 rad.
+    That is where one that has not decayed turns by more than about 4e12 rad.
     """
     lasting = duration * np.maximum(-poles.real, 0.0) < _DECAYED_EXPONENT
     phase = float(np.abs(poles.imag[lasting]).max(initial=0.0)) * duration
@@ -273,15 +245,6 @@ def impulsive_outputs(system: StateSpace, signals: Sequence[Signal], stop: float
 
     An output has one where it follows a derivative of an input of which a lower derivative jumps. Before
     t = 0 every signal is zero.
-
-    Parameters
-    ----------
-    system
-        The system: y = C x + D u + higher[0] u' + higher[1] u'' + ….
-    signals
-        One signal per input.
-    stop
-        The last time, s.
     """
     impulsive = np.zeros(len(system.C), dtype=bool)
     for order, feedthrough in enumerate((system.D, *system.higher)):

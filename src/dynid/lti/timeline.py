@@ -68,21 +68,10 @@ class Timeline:
 
 
 def timeline(signals: Sequence[Signal], times: Array, start: float) -> Timeline:
-    """Merge the requested times with the breakpoints and substeps of the signals.
+    """Merge the requested times with the breakpoints and substeps of the signals, one per input.
 
-    Parameters
-    ----------
-    signals
-        One signal per input.
-    times
-        Requested times, s, strictly increasing.
-    start
-        Time at which propagation starts, s, at or before the first requested time.
-
-    Raises
-    ------
-    UsageError
-        If the times do not increase, `start` lies after the first, or a signal is too fast for their span.
+    Propagation begins at `start`, s, at or before the first requested time. `UsageError` if the times do not
+    increase, or a signal is too fast for their span.
     """
     if times.ndim != 1 or len(times) == 0 or not np.all(np.isfinite(times)):
         raise UsageError("the times of a response must be a list of finite numbers")

@@ -31,30 +31,10 @@ _MAX_TABLE_ENTRIES = 2_000_000
 
 
 def sum_lines(omega: Array, weights: ComplexArray, times: Array, period: float | None = None) -> Array:
-    """Sum ``Re weights exp(i omega t)`` over lines.
+    """Sum ``Re weights exp(i omega t)`` over lines: weights (lines x columns), sums (times x columns).
 
-    By FFT where the times are equidistant and divide the period; else in blocks.
-
-    Parameters
-    ----------
-    omega
-        Frequencies (lines), rad/s.
-    weights
-        Complex amplitudes (lines x columns).
-    times
-        Times, s.
-    period
-        A period that all lines have in common, s, if there is one.
-
-    Returns
-    -------
-    Array
-        The sums (times x columns).
-
-    Raises
-    ------
-    UsageError
-        Before the computation, where there are too many lines and times.
+    By FFT where the times are equidistant and divide the common period of all lines, s; else in blocks.
+    `UsageError` before the computation, where there are too many lines and times.
     """
     count = None if period is None else _samples_of_a_period(times, period, len(omega))
     if count is not None and period is not None:  # by FFT; harmonics beyond `count` alias
@@ -130,15 +110,7 @@ _ROTATING_LINES = TAYLOR_DEGREE // 2
 
 @dataclass(frozen=True)
 class Step(SmoothSignal):
-    """A step at t = `start`.
-
-    Parameters
-    ----------
-    amplitude
-        Height.
-    start
-        Time of the step, s.
-    """
+    """A step of height `amplitude` at t = `start`, s."""
 
     kind: ClassVar[str] = "step"
 
@@ -163,13 +135,7 @@ class Step(SmoothSignal):
 
 @dataclass(frozen=True)
 class Impulse(SmoothSignal):
-    """A Dirac impulse at t = 0, which makes the state jump by B times its strength.
-
-    Parameters
-    ----------
-    amplitude
-        Strength, the time integral of the signal (N·s for a force).
-    """
+    """A Dirac impulse at t = 0, which makes the state jump by B times its strength (N·s for a force)."""
 
     kind: ClassVar[str] = "impulse"
 
@@ -194,15 +160,7 @@ class Impulse(SmoothSignal):
 
 @dataclass(frozen=True)
 class Impact(SmoothSignal):
-    """A half sine of an impact hammer, from t = 0 to `duration`.
-
-    Parameters
-    ----------
-    amplitude
-        Peak value.
-    duration
-        Length of contact, s.
-    """
+    """A half sine of an impact hammer, from t = 0 to `duration`, s, with the peak `amplitude`."""
 
     kind: ClassVar[str] = "impact"
 
@@ -238,14 +196,7 @@ class Impact(SmoothSignal):
 class Multisine(SmoothSignal):
     """A sum of sines, ``sum_j amplitude_j sin(frequency_j t + phase_j)``.
 
-    Parameters
-    ----------
-    amplitude
-        Amplitudes.
-    frequency
-        Angular frequencies, rad/s (0 makes a constant of the phase).
-    phase
-        Phases at t = 0, rad; default: 0.
+    A frequency of 0 rad/s makes a constant of the phase; default phases are 0.
     """
 
     kind: ClassVar[str] = "multisine"
@@ -306,17 +257,7 @@ class Multisine(SmoothSignal):
 
 
 class Sine(Multisine):
-    """A sine, ``amplitude sin(frequency t + phase)``.
-
-    Parameters
-    ----------
-    amplitude
-        Amplitude.
-    frequency
-        Angular frequency, rad/s.
-    phase
-        Phase at t = 0, rad.
-    """
+    """A sine, ``amplitude sin(frequency t + phase)``."""
 
     kind: ClassVar[str] = "sine"
 
@@ -326,20 +267,10 @@ class Sine(Multisine):
 
 @dataclass(frozen=True)
 class Chirp(SmoothSignal):
-    """A sine whose frequency changes linearly from `start` to `stop` over the record.
+    """A sine whose frequency changes linearly from `start` to `stop` (rad/s) over the record.
 
-    The phase is 0 at t = 0. Before the record (while settling) the frequency is `start`, after it `stop`.
-
-    Parameters
-    ----------
-    amplitude
-        Amplitude.
-    start, stop
-        First and last angular frequency, rad/s.
-    duration
-        Length of the record, s (set by the record, not a key of scenes).
-    begin
-        Time of the record's first sample, s (set by the record, not a key of scenes).
+    The phase is 0 at t = 0. Before the record (while settling) the frequency is `start`, after it `stop`. The
+    record sets its `duration` and `begin`, s.
     """
 
     kind: ClassVar[str] = "chirp"

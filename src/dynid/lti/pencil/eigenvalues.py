@@ -41,17 +41,7 @@ EXACT = 'The exact engine (engine="exact") decides.'
 
 @dataclass(frozen=True)
 class FiniteEigenvalues:
-    """Finite eigenvalues of a pencil.
-
-    Parameters
-    ----------
-    values
-        The eigenvalues, by modulus.
-    bounds
-        First-order bounds on the errors, for exact data.
-    infinite
-        Number of eigenvalues at infinity.
-    """
+    """Finite eigenvalues of a pencil by modulus, with first-order error bounds; how many are infinite."""
 
     values: ComplexArray
     bounds: Real
@@ -63,24 +53,10 @@ def finite_eigenvalues(
 ) -> FiniteEigenvalues:
     """Return the finite eigenvalues of the real square pencil sF - G, with error bounds.
 
-    Parameters
-    ----------
-    F, G
-        Dense or sparse (n x n).
-    count
-        Their number, where known exactly.
-    origin
-        Number of eigenvalues at 0, where known exactly.
-    sparse
-        True to refine by sparse factors; default: in blocks that are large and sparse. It changes the time
-        alone: each bound comes from the residual of the eigenvalue.
-
-    Raises
-    ------
-    Singular
-        Where det(sF - G) vanishes identically by the positions of its entries.
-    Undecided
-        Where rounding hides a rank, the count differs, or an error bound exceeds `TOLERANCE`.
+    `count` and `origin` are their number and that of those at 0, where known exactly. `sparse`: refine by
+    sparse factors; default: in blocks that are large and sparse. `Singular` where det(sF - G) vanishes by the
+    positions of its entries; `Undecided` where rounding hides a rank, the count differs, or an error bound
+    exceeds `TOLERANCE`.
     """
     from scipy.sparse import csr_array
 
@@ -118,11 +94,6 @@ def diagonal_blocks(pattern: Any) -> list[tuple[Indices, Indices]] | None:
     """Return rows and columns of the irreducible diagonal blocks; None for a structurally singular pattern.
 
     The determinant of a pencil is the product of those of the blocks.
-
-    Parameters
-    ----------
-    pattern
-        Sparse square matrix, nonzero where the pencil is.
 
     References
     ----------

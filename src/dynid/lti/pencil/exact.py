@@ -40,19 +40,9 @@ class PencilStructure(NamedTuple):
 
 
 class IntegerPencil:
-    """A rational pencil with rows and columns scaled to integers without common factors.
+    """A rational pencil sF - G with rows and columns scaled to integers without common factors.
 
-    Parameters
-    ----------
-    F, G
-        Rows of Fractions; the pencil is sF - G.
-
-    Attributes
-    ----------
-    F, G
-        Flint `fmpz_mat`.
-    scale
-        Factor from the determinant of the integer pencil to that of the given one.
+    `scale` is the factor from the determinant of the integer pencil to that of the given one.
     """
 
     def __init__(self, F: Rows, G: Rows, columns: int) -> None:

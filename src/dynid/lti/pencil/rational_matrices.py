@@ -28,24 +28,10 @@ def one_of(what: str, name: object, allowed: tuple[str, ...]) -> None:
 
 
 def exact_rows(name: str, matrix: Any, reading: Reading, shape: tuple[int, int] | None = None) -> Rows:
-    """Return a matrix as rows of Fractions.
+    """Return a matrix of ints, Fractions, floats or text as rows of Fractions; errors have its name.
 
-    Parameters
-    ----------
-    name
-        Name of the matrix in errors.
-    matrix
-        Nested lists, a NumPy array or a SciPy sparse matrix of ints, Fractions, floats or text.
-    reading
-        Interpretation of floats: their binary value, or the shortest decimal that prints as the float.
-    shape
-        Required shape. A flat list may stand for one row or one column where that fits, the number 0 for
-        a zero matrix.
-
-    Raises
-    ------
-    UsageError
-        For another shape, or an entry that is not a finite real number.
+    Floats are read as their binary value, or as the shortest decimal that prints them. With a `shape` a flat
+    list may stand for one row or column where that fits, the number 0 for a zero matrix.
     """
     one_of("reading", reading, ("binary", "decimal"))
     array = _table(name, matrix)

@@ -104,17 +104,10 @@ class _SystemZerosPoles(NamedTuple):
 
 @dataclass(frozen=True)
 class _FloatRoot:
-    """A root in floating point.
+    """A root in floating point with a first-order bound on its error.
 
-    Parameters
-    ----------
-    value, radius
-        The root, and a first-order bound on its error.
-    side
-        -1 in the open left half-plane, +1 in the open right half-plane, 0 on the imaginary axis (at the
-        origin, which is exact); None if undecided within the bound.
-    multiplicity
-        Exact at the origin; elsewhere 1, and roots that coincide within the error are listed side by side.
+    The side is 0 at the origin, which is exact with its multiplicity; elsewhere None where the bound does not
+    decide it. Roots that coincide within the error are listed side by side.
     """
 
     value: complex
@@ -210,19 +203,7 @@ def zeros_poles(
 
 @dataclass(frozen=True)
 class _GivenSystem:
-    """A system over the rationals.
-
-    Parameters
-    ----------
-    state, whole
-        The pencils sE - A and [sE - A, -B; C, D].
-    siso
-        True if it has one input and one output.
-    rank_E
-        Rank of E.
-    reading
-        Interpretation of floats.
-    """
+    """A system over the rationals: the pencils sE - A and [sE - A, -B; C, D], and the rank of E."""
 
     state: IntegerPencil
     whole: IntegerPencil
