@@ -16,6 +16,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dynid.errors import NumericalError
+from dynid.lti.stability import SidedRoot
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
     from dynid.lti.axis_boxes import Work
     from dynid.lti.pencil.rational_matrices import Reading
-    from dynid.lti.stability import SidedRoot
 
 #: Working precision of square roots, bits.
 _SQUARE_ROOT_BITS = 128
@@ -32,24 +32,12 @@ _PRIME = (1 << 61) - 1
 
 
 @dataclass(frozen=True)
-class CertifiedRoot:
-    """A root with its multiplicity, error bound and half-plane.
+class CertifiedRoot(SidedRoot):
+    """A root with its exact multiplicity; `radius` bounds its error, the rounding of `value` included.
 
-    Parameters
-    ----------
-    value
-        The root, each part correctly rounded where the bound allows; exactly 0 real part on the axis.
-    multiplicity
-        Its exact multiplicity.
-    radius
-        Bound on the distance of `value` from the true root, rounding of `value` included.
-    side
-        -1 in the open left half-plane, 0 on the imaginary axis, +1 in the open right half-plane.
+    Each part of the value is correctly rounded where the bound allows, the real part exactly 0 on the axis.
     """
 
-    value: complex
-    multiplicity: int
-    radius: float
     side: int
 
 

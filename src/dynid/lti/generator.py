@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,50 +64,23 @@ class RecordTimes:
         return np.asarray(self.start + np.arange(self.samples) * self.step)
 
 
-class Signal(Protocol):
-    """Protocol of a signal, as propagation uses it.
+class Signal(ABC):
+    """A signal as propagation uses it, by default without jump, breakpoint or limit on the step.
 
     `kind` is its name in scenes, `pace` the key that sets `longest_step`; errors name both.
     """
-
-    kind: ClassVar[str]
-    pace: ClassVar[str]
-
-    @property
-    def jump(self) -> float:
-        """Strength of the Dirac impulse at t = 0 (unit of u times s)."""
-
-    @property
-    def longest_step(self) -> float:
-        """Longest step, s, over which the generator is exact to rounding."""
-
-    def generator(self) -> tuple[Array, Array]:
-        """Return G (p x p) and h (p)."""
-
-    def states(self, times: Array, middles: Array) -> Array:
-        """Return the generator states (times x p) of the pieces that hold the times `middles`."""
-
-    def breakpoints(self, start: float, stop: float) -> Array:
-        """Return the times in [start, stop] at which the generator's state is reset."""
-
-    def value(self, times: ArrayLike) -> Array:
-        """Return u at `times` (right-hand limits at jumps; an impulse's Dirac part is not shown)."""
-
-
-class SmoothSignal(ABC):
-    """Base of signals without jump, breakpoint or limit on the step."""
 
     kind: ClassVar[str] = "signal"
     pace: ClassVar[str] = "frequency"
 
     @property
     def jump(self) -> float:
-        """No Dirac impulse."""
+        """Strength of the Dirac impulse at t = 0 (unit of u times s)."""
         return 0.0
 
     @property
     def longest_step(self) -> float:
-        """No limit."""
+        """Longest step, s, over which the generator is exact to rounding."""
         return math.inf
 
     @abstractmethod
@@ -119,14 +92,14 @@ class SmoothSignal(ABC):
         """Return the generator states (times x p) of the pieces that hold the times `middles`."""
 
     def breakpoints(self, start: float, stop: float) -> Array:  # noqa: ARG002
-        """Return no times."""
+        """Return the times in [start, stop] at which the generator's state is reset."""
         return np.empty(0)
 
     def value(self, times: ArrayLike) -> Array:
         """Return u at `times` (right-hand limits at jumps; an impulse's Dirac part is not shown)."""
         t = np.asarray(times, dtype=float)
         flat = t.ravel()
-        return (self.states(flat, flat) @ self.generator()[1]).reshape(t.shape)
+        return np.asarray((self.states(flat, flat) @ self.generator()[1]).reshape(t.shape))
 
 
 def polynomial_generator(degree: int, tau: float) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from dynid.errors import UsageError
 from dynid.lti.generator import (
     TAYLOR_DEGREE,
     RecordTimes,
-    SmoothSignal,
+    Signal,
     polynomial_generator,
     require,
     require_finite,
@@ -27,7 +27,7 @@ HOLDS = ("spline", "linear", "zero")
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled(SmoothSignal):
+class Sampled(Signal):
     """A signal known by its samples at ``start + k step``, continued between them by a hold.
 
     Holds: ``spline`` (cubic, not-a-knot ends), ``linear``, ``zero`` (constant until the next sample).
@@ -135,13 +135,10 @@ _MAX_NOISE_SAMPLES = 20_000_000
 
 
 @dataclass(frozen=True)
-class Random(SmoothSignal):
-    """Gaussian noise: a finite sum of Fourier lines with seeded complex normal amplitudes.
+class _Noise(Signal):
+    """Noise of a seeded generator (PCG64); the record sets `step` (s) and the number of `samples` from t = 0.
 
-    The lines lie at multiples of 2 pi / (samples step), inside `band` (rad/s) or, without one, below the
-    Nyquist frequency of `step`; the expected standard deviation is `amplitude`. The sum is the continuous
-    signal; `hold` is for an estimator, which receives samples only. The record sets `step` (s) and the number
-    of `samples` from t = 0 on, one period.
+    `amplitude` is the standard deviation; `hold` is for an estimator, which receives samples only.
     """
 
     kind: ClassVar[str] = "random"
@@ -151,11 +148,41 @@ class Random(SmoothSignal):
     seed: int
     step: float
     samples: int
-    band: tuple[float, float] | None = None
     hold: str = HOLD.value
 
     def __post_init__(self) -> None:
-        _require_noise(self.amplitude, self.seed, self.step, self.samples, self.hold)
+        require_finite("random", amplitude=self.amplitude)
+        require(
+            self.hold in HOLDS,
+            f"a random signal has no hold {self.hold!r}",
+            f"Use one of {', '.join(HOLDS)}.",
+            ("random", "hold"),
+        )
+        require(self.seed >= 0, "the seed of a random signal must not be negative", names=("random", "seed"))
+        require(
+            0 < self.step < math.inf and 0 < self.samples * self.step < math.inf,
+            "a random signal needs a positive step, and one sample or more",
+            names=("random", "step"),
+        )
+
+    def sampled(self, record: RecordTimes) -> Sampled:
+        """Return the samples of `record` with the signal's hold, as an estimator receives them."""
+        return Sampled(self.value(record.times), record.step, self.hold, record.start)
+
+
+@dataclass(frozen=True)
+class Random(_Noise):
+    """Gaussian noise: a finite sum of Fourier lines with seeded complex normal amplitudes.
+
+    The lines lie at multiples of 2 pi / (samples step), inside `band` (rad/s) or, without one, below the
+    Nyquist frequency of `step`; `amplitude` is the expected standard deviation. The sum is the continuous
+    signal, of which the samples are one period.
+    """
+
+    band: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         first, last = self._range
         require(
             last >= first,
@@ -221,31 +248,17 @@ class Random(SmoothSignal):
         omega, c = self.lines
         return sum_lines(omega, c[:, None], t.ravel(), self.period)[:, 0].reshape(t.shape)
 
-    def sampled(self, record: RecordTimes) -> Sampled:
-        """Return the samples of `record` with the signal's hold, as an estimator receives them."""
-        return Sampled(self.value(record.times), record.step, self.hold, record.start)
-
 
 @dataclass(frozen=True)
-class WhiteNoise(SmoothSignal):
+class WhiteNoise(_Noise):
     """White Gaussian samples of standard deviation `amplitude`, joined by a cubic spline.
 
     The spline is the continuous signal: an estimator with a spline hold reproduces it exactly. Fourier lines
-    up to the Nyquist frequency (`Random`), which no hold can follow, would bias the estimate. Other
-    parameters are those of `Random`.
+    up to the Nyquist frequency (`Random`), which no hold can follow, would bias the estimate.
     """
 
-    kind: ClassVar[str] = "random"
-    pace: ClassVar[str] = "band"
-
-    amplitude: float
-    seed: int
-    step: float
-    samples: int
-    hold: str = HOLD.value
-
     def __post_init__(self) -> None:
-        _require_noise(self.amplitude, self.seed, self.step, self.samples, self.hold)
+        super().__post_init__()
         require(
             self.samples <= _MAX_NOISE_SAMPLES,
             f"a random signal of {self.samples:.3g} samples is too much, {_MAX_NOISE_SAMPLES:,} are allowed",
@@ -269,28 +282,3 @@ class WhiteNoise(SmoothSignal):
     def breakpoints(self, start: float, stop: float) -> Array:
         """Return the sampling times in [start, stop]."""
         return self._curve.breakpoints(start, stop)
-
-    def value(self, times: ArrayLike) -> Array:
-        """Return the spline at `times`."""
-        return self._curve.value(times)
-
-    def sampled(self, record: RecordTimes) -> Sampled:
-        """Return the samples of `record` with the signal's hold, as an estimator receives them."""
-        return Sampled(self.value(record.times), record.step, self.hold, record.start)
-
-
-def _require_noise(amplitude: float, seed: int, step: float, samples: int, hold: str) -> None:
-    """Raise a `UsageError` for invalid parameters."""
-    require_finite("random", amplitude=amplitude)
-    require(
-        hold in HOLDS,
-        f"a random signal has no hold {hold!r}",
-        f"Use one of {', '.join(HOLDS)}.",
-        ("random", "hold"),
-    )
-    require(seed >= 0, "the seed of a random signal must not be negative", names=("random", "seed"))
-    require(
-        0 < step < math.inf and 0 < samples * step < math.inf,
-        "a random signal needs a positive step, and one sample or more",
-        names=("random", "step"),
-    )

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from dynid.arrays import Array
 from dynid.lti.generator import RecordTimes, Signal, require
@@ -92,32 +91,24 @@ def signal(kind: str, parameters: Mapping[str, Any], record: RecordTimes) -> Sig
 
 
 @dataclass(frozen=True, eq=False)
-class Derivative:
+class Derivative(Signal):
     """The derivative of a signal of some order: the same generator with another read-out."""
 
     kind: ClassVar[str] = "derivative"
-    pace: ClassVar[str] = "frequency"
 
     signal: Signal
     order: int
 
     def __post_init__(self) -> None:
         kind = self.signal.kind
-        smooth = (
-            _OF_HOLD.get(getattr(self.signal, "hold", ""), 0) if kind == "file" else _SMOOTHNESS.get(kind)
-        )
+        smooth = _OF_HOLD[self.signal.hold] if isinstance(self.signal, Sampled) else _SMOOTHNESS.get(kind, 0)
         require(
-            self.order <= (smooth or 0),
+            self.order <= smooth,
             f"a signal of kind {kind} is not smooth enough to be a motion whose derivative of order "
             f"{self.order} acts",
             "Prescribe the acceleration, or use sines, a chirp, or samples with a spline hold.",
             (kind,),
         )
-
-    @property
-    def jump(self) -> float:
-        """No Dirac impulse."""
-        return 0.0
 
     @property
     def longest_step(self) -> float:
@@ -137,15 +128,9 @@ class Derivative:
         """Return the signal's breakpoints."""
         return self.signal.breakpoints(start, stop)
 
-    def value(self, times: ArrayLike) -> Array:
-        """Return the derivative at `times`, inside the signal's range."""
-        t = np.asarray(times, dtype=float)
-        flat = t.ravel()
-        return np.asarray((self.states(flat, flat) @ self.generator()[1]).reshape(t.shape))
-
 
 @dataclass(frozen=True, eq=False)
-class Shifted:
+class Shifted(Signal):
     """A multiple of a signal at an earlier time: ``gain * u(t - delay)``; a negative delay: later.
 
     Samples keep their first and last value before and after the time that they are known for; any other
@@ -153,7 +138,6 @@ class Shifted:
     """
 
     kind: ClassVar[str] = "shifted"
-    pace: ClassVar[str] = "frequency"
 
     signal: Signal
     delay: float
@@ -210,9 +194,3 @@ class Shifted:
         times = self.signal.breakpoints(begin, end) if end >= begin else np.empty(0)
         ends = np.array([time for time in (first, last) if start - self.delay <= time <= stop - self.delay])
         return np.unique(np.concatenate([times, ends])) + self.delay
-
-    def value(self, times: ArrayLike) -> Array:
-        """Return the multiple at `times`."""
-        t = np.asarray(times, dtype=float)
-        flat = t.ravel()
-        return np.asarray((self.states(flat, flat) @ self.generator()[1]).reshape(t.shape))

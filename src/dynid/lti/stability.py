@@ -11,7 +11,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from dynid.number_format import frequency_text
 
@@ -21,24 +20,26 @@ _MAX_NAMED_VALUES = 4
 FAR = 1e3
 
 
-class SidedRoot(Protocol):
-    """A zero or pole, exact or estimated."""
+@dataclass(frozen=True)
+class SidedRoot:
+    """A zero or pole, exact or estimated.
 
-    @property
-    def value(self) -> complex:
-        """The root, rad/s."""
+    Parameters
+    ----------
+    value
+        The root, rad/s.
+    multiplicity
+        Its multiplicity; roots that coincide within an estimated error are listed side by side.
+    radius
+        Bound on the distance from the true root, or an estimate, rad/s.
+    side
+        -1 left of the imaginary axis, 0 on it, +1 right of it; None if undecided within the error.
+    """
 
-    @property
-    def multiplicity(self) -> int:
-        """Its multiplicity."""
-
-    @property
-    def radius(self) -> float:
-        """Bound on the distance from the true root, rad/s."""
-
-    @property
-    def side(self) -> int | None:
-        """-1 left of the imaginary axis, 0 on it, +1 right of it; None if undecided within the error."""
+    value: complex
+    multiplicity: int
+    radius: float
+    side: int | None
 
 
 class TransferProperties(ABC):

@@ -15,7 +15,7 @@ from dynid.arrays import Array, ComplexArray
 from dynid.errors import UsageError
 from dynid.lti.generator import (
     TAYLOR_DEGREE,
-    SmoothSignal,
+    Signal,
     inside,
     polynomial_generator,
     require,
@@ -109,7 +109,7 @@ _ROTATING_LINES = TAYLOR_DEGREE // 2
 
 
 @dataclass(frozen=True)
-class Step(SmoothSignal):
+class Step(Signal):
     """A step of height `amplitude` at t = `start`, s."""
 
     kind: ClassVar[str] = "step"
@@ -134,7 +134,7 @@ class Step(SmoothSignal):
 
 
 @dataclass(frozen=True)
-class Impulse(SmoothSignal):
+class Impulse(Signal):
     """A Dirac impulse at t = 0, which makes the state jump by B times its strength (N·s for a force)."""
 
     kind: ClassVar[str] = "impulse"
@@ -159,7 +159,7 @@ class Impulse(SmoothSignal):
 
 
 @dataclass(frozen=True)
-class Impact(SmoothSignal):
+class Impact(Signal):
     """A half sine of an impact hammer, from t = 0 to `duration`, s, with the peak `amplitude`."""
 
     kind: ClassVar[str] = "impact"
@@ -193,7 +193,7 @@ class Impact(SmoothSignal):
 
 
 @dataclass(frozen=True)
-class Multisine(SmoothSignal):
+class Multisine(Signal):
     """A sum of sines, ``sum_j amplitude_j sin(frequency_j t + phase_j)``.
 
     A frequency of 0 rad/s makes a constant of the phase; default phases are 0.
@@ -266,7 +266,7 @@ class Sine(Multisine):
 
 
 @dataclass(frozen=True)
-class Chirp(SmoothSignal):
+class Chirp(Signal):
     """A sine whose frequency changes linearly from `start` to `stop` (rad/s) over the record.
 
     The phase is 0 at t = 0. Before the record (while settling) the frequency is `start`, after it `stop`. The

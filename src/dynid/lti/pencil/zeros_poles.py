@@ -102,31 +102,14 @@ class _SystemZerosPoles(NamedTuple):
         return self.normal_rank == 0
 
 
-@dataclass(frozen=True)
-class _FloatRoot:
-    """A root in floating point with a first-order bound on its error.
-
-    The side is 0 at the origin, which is exact with its multiplicity; elsewhere None where the bound does not
-    decide it. Roots that coincide within the error are listed side by side.
-    """
-
-    value: complex
-    radius: float
-    side: int | None
-    multiplicity: int = 1
-
-    @classmethod
-    def all_of(cls, eigenvalues: FiniteEigenvalues) -> tuple[_FloatRoot, ...]:
-        """Return eigenvalues as roots, with sides from the error bounds; those at the origin are one root."""
-        at_origin = (eigenvalues.values == 0) & (eigenvalues.bounds == 0)
-        origin = [cls(0j, 0.0, 0, int(at_origin.sum()))] if at_origin.any() else []
-        others = zip(
-            eigenvalues.values[~at_origin].tolist(), eigenvalues.bounds[~at_origin].tolist(), strict=True
-        )
-        sides = (
-            (z, bound, (z.real > 0) - (z.real < 0) if abs(z.real) > bound else None) for z, bound in others
-        )
-        return (*origin, *(cls(*root) for root in sides))
+def _float_roots(eigenvalues: FiniteEigenvalues) -> tuple[SidedRoot, ...]:
+    """Return eigenvalues as roots, sided by their error bounds; those at the origin, exact, are one root."""
+    at_origin = (eigenvalues.values == 0) & (eigenvalues.bounds == 0)
+    roots = [SidedRoot(0j, int(at_origin.sum()), 0.0, 0)] if at_origin.any() else []
+    others = eigenvalues.values[~at_origin].tolist(), eigenvalues.bounds[~at_origin].tolist()
+    for z, bound in zip(*others, strict=True):
+        roots.append(SidedRoot(z, 1, bound, (z.real > 0) - (z.real < 0) if abs(z.real) > bound else None))
+    return tuple(roots)
 
 
 def zeros_poles(
@@ -169,8 +152,8 @@ def zeros_poles(
             poles=poles.values,
             zero_bounds=zeros.bounds,
             pole_bounds=poles.bounds,
-            zero_roots=_FloatRoot.all_of(zeros),
-            pole_roots=_FloatRoot.all_of(poles),
+            zero_roots=_float_roots(zeros),
+            pole_roots=_float_roots(poles),
             gain=None,
             engine="float",
             **system.structure(of_zeros.rank, of_zeros.finite, of_poles.finite),
