@@ -7,7 +7,7 @@ doubles do not decide is left to ball arithmetic.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import comb
 
@@ -22,6 +22,8 @@ from dynid.lti.quasi_polynomials import Balls
 _EPS = 2.0**-52
 #: Intervals that are expanded at a time, which limits the memory.
 _INTERVAL_CHUNK = 4096
+#: Lowest frequency of the first grid above 0, relative to the highest one.
+_LOW_RATIO = 2.0**-24
 #: What a search along the axis counts.
 INTERVALS = "terms on intervals of frequencies; their number grows with delay times bandwidth"
 
@@ -74,10 +76,10 @@ class Expansion:
         """Lower bound on the size; negative where it may vanish."""
         return np.asarray(np.abs(self.value) - np.abs(self.slope) * self.width - self.rest)
 
-    def __sub__(self, other: Expansion) -> Expansion:
+    def __add__(self, other: Expansion) -> Expansion:
         return Expansion(
-            self.value - other.value,
-            self.slope - other.slope,
+            self.value + other.value,
+            self.slope + other.slope,
             self.bend + other.bend,
             self.error + other.error,
             self.width,
@@ -148,7 +150,8 @@ class AxisFunctions:
 
 
 def _sum(parts: list[tuple[Expansion, float]], middle: Array) -> Sum:
-    total: Expansion | None = None
+    nothing = np.zeros(len(middle))
+    total = Expansion(nothing.astype(complex), nothing.astype(complex), nothing, nothing, nothing)
     for term, delay in parts:
         angle = middle * delay
         turn = np.exp(-1j * angle)
@@ -159,19 +162,7 @@ def _sum(parts: list[tuple[Expansion, float]], middle: Array) -> Sum:
             (term.error + _EPS * (2 * angle + 2) * np.abs(term.value)) * (1 + angle * term.width),
             term.width,
         )
-        if total is None:
-            total = turned
-        else:
-            total = Expansion(
-                total.value + turned.value,
-                total.slope + turned.slope,
-                total.bend + turned.bend,
-                total.error + turned.error,
-                total.width,
-            )
-    if total is None:
-        nothing = np.zeros(len(middle))
-        total = Expansion(nothing.astype(complex), nothing.astype(complex), nothing, nothing, nothing)
+        total = turned + total
     return Sum(tuple(term for term, _ in parts), total)
 
 
@@ -203,20 +194,24 @@ def float_log(size: object) -> float:
     return float((middle.log() / arb(2).log()).mid()) if middle > 0 else -np.inf
 
 
-def grid(low: float, high: float, ratio: float = 2.0) -> tuple[Array, Array]:
-    """Return intervals between two positive frequencies, in a ratio."""
-    count = max(1, int(np.ceil(np.log(high / low) / np.log(ratio))))
-    edges = np.geomspace(low, high, count + 1)
+def grid(start: float, top: float) -> tuple[Array, Array]:
+    """Return intervals between two frequencies, each twice as high as the last; the lowest may begin at 0."""
+    low = start or top * _LOW_RATIO
+    count = max(1, int(np.ceil(np.log2(top / low))))
+    edges = np.geomspace(low, top, count + 1)
+    if not start:
+        edges = np.append(0.0, edges)
     return edges[:-1], edges[1:]
 
 
-def halves(low: Array, high: Array) -> tuple[Array, Array]:
-    """Return both halves of intervals."""
-    middle = (low + high) / 2
-    return np.concatenate([low, middle]), np.concatenate([middle, high])
-
-
-def chunks(low: Array, high: Array) -> Iterator[tuple[Array, Array]]:
-    """Yield intervals in portions that fit into memory."""
-    for start in range(0, len(low), _INTERVAL_CHUNK):
-        yield low[start : start + _INTERVAL_CHUNK], high[start : start + _INTERVAL_CHUNK]
+def bisect(low: Array, high: Array, examine: Callable[[Array, Array], NDArray[np.bool_]]) -> None:
+    """Examine intervals in portions that fit into memory; those in the mask that this returns are halved."""
+    while len(low):
+        masked: list[tuple[Array, Array]] = []
+        for start in range(0, len(low), _INTERVAL_CHUNK):
+            lows, highs = low[start : start + _INTERVAL_CHUNK], high[start : start + _INTERVAL_CHUNK]
+            divided = examine(lows, highs)
+            masked.append((lows[divided], highs[divided]))
+        low, high = (np.concatenate(ends) for ends in zip(*masked, strict=True))
+        middle = (low + high) / 2
+        low, high = np.concatenate([low, middle]), np.concatenate([middle, high])

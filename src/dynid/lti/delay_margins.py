@@ -15,10 +15,11 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.errors import Undecided
-from dynid.lti.axis_boxes import AxisFunctions, Expansion, Sum, Work, chunks, grid, halves
+from dynid.lti.axis_boxes import AxisFunctions, Expansion, Sum, Work, bisect, grid
 from dynid.lti.delay_stability import COUNT, lower_powers_below, stability
 from dynid.lti.difference_operator import critical_gains, gap, least_separation
 from dynid.lti.margins import LIMIT, Margins, lag, largest_of
@@ -35,8 +36,6 @@ _EXCESS = 1e-10
 _TOUCH = 2.0**-40
 #: Frequencies below this part of the highest one count as 0.
 _ORIGIN = 2.0**-60
-#: Lowest frequency of the first grid, relative to the highest one.
-_LOW = 2.0**-24
 #: Halvings of an interval down to the rounding of doubles.
 _BISECTIONS = 52
 #: Steps of Newton's method in ball arithmetic.
@@ -417,9 +416,6 @@ def _zeros(
     Intervals that are `hopeless` are left out. Zeros in which it does not change its sign
     are found to about half the digits.
     """
-    low, high = grid(start or top * _LOW, top)
-    if not start:
-        low, high = np.append(0.0, low), np.append(top * _LOW, high)
     zeros: list[float] = []
     brackets: list[tuple[Array, Array]] = []
 
@@ -429,29 +425,28 @@ def _zeros(
             values = measure(a, b)
         return np.asarray(np.where(np.abs(values.value) <= values.error, 0.0, np.sign(values.value)))
 
-    while len(low):
-        rest: list[tuple[Array, Array]] = []
-        for lows, highs in chunks(low, high):
-            a, b, *_ = functions.expand(lows, highs, work)
-            with np.errstate(all="ignore"):
-                values, width = measure(a, b), a.total.width
-            if not np.isfinite(values.error).all():
-                raise Undecided(f"the loop has values beyond the range of doubles below {top:.3g} rad/s")
-            bound = np.abs(values.slope) * width + values.bend * width**2 / 2 + values.error
-            open_ones = ~(np.abs(values.value) > bound)
-            if hopeless is not None:
-                open_ones &= ~hopeless(a, b, values, width)
-            single = open_ones & (np.abs(values.slope) > values.bend * width)
-            if single.any():
-                before, after = signs(lows[single]), signs(highs[single])
-                crossing = (before * after <= 0) & ~((lows[single] == 0) & (before == 0))
-                brackets.append((lows[single][crossing], highs[single][crossing]))
-            open_ones &= ~single & (highs > top * _ORIGIN)
-            touching = open_ones & (highs - lows <= _TOUCH * highs)
-            zeros += ((lows + highs) / 2)[touching].tolist()
-            open_ones &= ~touching
-            rest.append((lows[open_ones], highs[open_ones]))
-        low, high = halves(*(np.concatenate(ends) for ends in zip(*rest, strict=True)))
+    def examine(low: Array, high: Array) -> NDArray[np.bool_]:
+        nonlocal zeros
+        a, b, *_ = functions.expand(low, high, work)
+        with np.errstate(all="ignore"):
+            values, width = measure(a, b), a.total.width
+        if not np.isfinite(values.error).all():
+            raise Undecided(f"the loop has values beyond the range of doubles below {top:.3g} rad/s")
+        bound = np.abs(values.slope) * width + values.bend * width**2 / 2 + values.error
+        undecided = ~(np.abs(values.value) > bound)
+        if hopeless is not None:
+            undecided &= ~hopeless(a, b, values, width)
+        single = undecided & (np.abs(values.slope) > values.bend * width)
+        if single.any():
+            before, after = signs(low[single]), signs(high[single])
+            crossing = (before * after <= 0) & ~((low[single] == 0) & (before == 0))
+            brackets.append((low[single][crossing], high[single][crossing]))
+        undecided &= ~single & (high > top * _ORIGIN)
+        touching = undecided & (high - low <= _TOUCH * high)
+        zeros += ((low + high) / 2)[touching].tolist()
+        return undecided & ~touching
+
+    bisect(*grid(start, top), examine)
     if not any(len(lows) for lows, _ in brackets):
         return zeros
     low, high = (np.concatenate(ends) for ends in zip(*brackets, strict=True))
@@ -467,25 +462,22 @@ def _search_largest(
     functions: AxisFunctions, number: int, best: tuple[float, float], top: float, work: Work
 ) -> tuple[float, float]:
     """Return the largest |A/Q| (number 0) or |B/Q| (1) up to a frequency, from a first value."""
-    low, high = grid(top * _LOW, top)
-    low, high = np.append(0.0, low), np.append(top * _LOW, high)
-    while len(low):
-        rest: list[tuple[Array, Array]] = []
-        for lows, highs in chunks(low, high):
-            sums = functions.expand(lows, highs, work)
-            numerator, closed = sums[number], sums[2]
-            with np.errstate(all="ignore"):
-                sizes = np.abs(numerator.total.value / closed.total.value)
-            sizes = np.where(closed.total.error < np.abs(closed.total.value), sizes, 0.0)
-            at = int(sizes.argmax())
-            if sizes[at] > best[0] * (1 + 1e-13):
-                best = (float(sizes[at]), float((lows[at] + highs[at]) / 2))
-            excess = _EXCESS if math.isfinite(best[1]) else _LEAST_GAIN
-            above = ~(_upper(numerator, sums[1 - number], closed) <= best[0] * (1 + excess))
-            above &= highs - lows > _TOUCH * highs
-            above &= highs > top * _ORIGIN
-            rest.append((lows[above], highs[above]))
-        low, high = halves(*(np.concatenate(ends) for ends in zip(*rest, strict=True)))
+
+    def examine(low: Array, high: Array) -> NDArray[np.bool_]:
+        nonlocal best
+        sums = functions.expand(low, high, work)
+        numerator, closed = sums[number], sums[2]
+        with np.errstate(all="ignore"):
+            sizes = np.abs(numerator.total.value / closed.total.value)
+        sizes = np.where(closed.total.error < np.abs(closed.total.value), sizes, 0.0)
+        at = int(sizes.argmax())
+        if sizes[at] > best[0] * (1 + 1e-13):
+            best = (float(sizes[at]), float((low[at] + high[at]) / 2))
+        excess = _EXCESS if math.isfinite(best[1]) else _LEAST_GAIN
+        above = ~(_upper(numerator, sums[1 - number], closed) <= best[0] * (1 + excess))
+        return above & (high - low > _TOUCH * high) & (high > top * _ORIGIN)
+
+    bisect(*grid(0.0, top), examine)
     return best
 
 

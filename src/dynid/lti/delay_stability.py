@@ -13,10 +13,11 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.errors import Undecided
-from dynid.lti.axis_boxes import AxisFunctions, Work, chunks, float_log, grid, halves
+from dynid.lti.axis_boxes import AxisFunctions, Work, bisect, float_log, grid
 from dynid.lti.difference_operator import TORUS, separation
 from dynid.lti.quasi_polynomials import PRECISION, Balls, QuasiPolynomial, RefinedRoot, refined_root
 from dynid.lti.stability import Verdict
@@ -29,8 +30,6 @@ _BALL = 100
 _NARROW_DOUBLE = 2.0**-30
 #: Relative width below which an interval of frequencies is not divided further.
 _NARROW = 2.0**-60
-#: Lowest frequency of the first grid, relative to the highest one.
-_LOW = 2.0**-24
 #: Size below which a root beside one at the origin is that root.
 _ORIGIN_ROOT_SIZE = 1e-30
 #: Halvings of a frequency down to where the lowest power prevails.
@@ -247,34 +246,29 @@ def _turns(
 
     The size is relative to the sum of the sizes of all powers.
     """
-    low, high = grid(start or top * _LOW, top)
-    if not start:
-        low, high = np.append(low, 0.0), np.append(high, top * _LOW)
     total, smallest = 0.0, math.inf
     narrow: list[tuple[float, float]] = []
-    while len(low):
-        rest: list[tuple[Array, Array]] = []
-        for lows, highs in chunks(low, high):
-            (expanded,) = functions.expand(lows, highs, work)
-            first, total_expansion = expanded.terms[0], expanded.total
-            clear = total_expansion.smallest > 0
-            others = sum((term.largest for term in expanded.terms[1:]), np.zeros(len(lows)))
-            prevails = ~clear & (first.smallest > others)
-            if clear.any():
-                smallest = min(smallest, float(total_expansion.smallest[clear].min()))
-                total += _change(functions, lows[clear], highs[clear], work)
-            if prevails.any():
-                total += _change(functions, lows[prevails], highs[prevails], work, prompt=True)
-            left = ~(clear | prevails)
-            fine = highs - lows <= _NARROW_DOUBLE * highs
-            rounding = (
-                np.abs(total_expansion.value) + np.abs(total_expansion.slope) * total_expansion.width
-                <= 4 * total_expansion.error
-            )
-            stuck = left & (fine | rounding | ~np.isfinite(total_expansion.error))
-            narrow += zip(lows[stuck].tolist(), highs[stuck].tolist(), strict=True)
-            rest.append((lows[left & ~stuck], highs[left & ~stuck]))
-        low, high = halves(*(np.concatenate(ends) for ends in zip(*rest, strict=True)))
+
+    def examine(low: Array, high: Array) -> NDArray[np.bool_]:
+        nonlocal total, smallest, narrow
+        (expanded,) = functions.expand(low, high, work)
+        first, whole = expanded.terms[0], expanded.total
+        clear = whole.smallest > 0
+        others = sum((term.largest for term in expanded.terms[1:]), np.zeros(len(low)))
+        prevails = ~clear & (first.smallest > others)
+        if clear.any():
+            smallest = min(smallest, float(whole.smallest[clear].min()))
+            total += _change(functions, low[clear], high[clear], work)
+        if prevails.any():
+            total += _change(functions, low[prevails], high[prevails], work, prompt=True)
+        left = ~(clear | prevails)
+        fine = high - low <= _NARROW_DOUBLE * high
+        rounding = np.abs(whole.value) + np.abs(whole.slope) * whole.width <= 4 * whole.error
+        stuck = left & (fine | rounding | ~np.isfinite(whole.error))
+        narrow += zip(low[stuck].tolist(), high[stuck].tolist(), strict=True)
+        return left & ~stuck
+
+    bisect(*grid(start, top), examine)
     for interval in narrow:
         total += sum(_ball_turns(balls, *interval, work))
         smallest = 0.0
