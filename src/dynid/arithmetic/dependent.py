@@ -120,6 +120,14 @@ def _as_floats(dual: Dual) -> _Evaluated:
     return _Evaluated(float(dual.value), {name: float(rate) for name, rate in dual.slopes.items()})
 
 
+_Operator: TypeAlias = Callable[[Any, Any], Any]
+
+
+def _operators(operation: str) -> tuple[_Operator, _Operator]:
+    """Return an operator of dependent numbers, and the same with a dependent number on its right."""
+    return lambda a, b: compute(operation, (a, b)), lambda b, a: compute(operation, (a, b))
+
+
 class Dependent:
     """A number that depends on unknown parameters.
 
@@ -218,32 +226,11 @@ class Dependent:
     def __repr__(self) -> str:
         return f"Dependent({float(self):g}; {', '.join(sorted(self.names))})"
 
-    def __add__(self, other: Real) -> Any:
-        return compute("+", (self, other))
-
-    def __radd__(self, other: Real) -> Any:
-        return compute("+", (other, self))
-
-    def __sub__(self, other: Real) -> Any:
-        return compute("-", (self, other))
-
-    def __rsub__(self, other: Real) -> Any:
-        return compute("-", (other, self))
-
-    def __mul__(self, other: Real) -> Any:
-        return compute("*", (self, other))
-
-    def __rmul__(self, other: Real) -> Any:
-        return compute("*", (other, self))
-
-    def __truediv__(self, other: Real) -> Any:
-        return compute("/", (self, other))
-
-    def __rtruediv__(self, other: Real) -> Any:
-        return compute("/", (other, self))
-
-    def __pow__(self, other: Real) -> Any:
-        return compute("**", (self, other))
+    __add__, __radd__ = _operators("+")
+    __sub__, __rsub__ = _operators("-")
+    __mul__, __rmul__ = _operators("*")
+    __truediv__, __rtruediv__ = _operators("/")
+    __pow__, _ = _operators("**")
 
     def __neg__(self) -> Any:
         return compute("neg", (self,))

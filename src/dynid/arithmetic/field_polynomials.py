@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from typing import Any, Self, TypeVar
 
-from flint import fmpq, fmpq_poly, fmpz_poly
+from flint import arb, ctx, fmpq, fmpq_poly, fmpz_poly
 
 from dynid.arithmetic.real_field import ROUNDED_BITS, RealField
 from dynid.errors import NumericalError
@@ -96,14 +96,6 @@ class FieldNumber(_RingElement):
         return self.value.q
 
 
-def _fraction(value: Any) -> Fraction:
-    return Fraction(int(value.p), int(value.q))
-
-
-def _fmpq(value: Fraction) -> Any:
-    return fmpq(value.numerator, value.denominator)
-
-
 def _residue(field: RealField, value: Any) -> int:
     return int(value.p % field.prime) * pow(int(value.q), -1, field.prime) % field.prime
 
@@ -113,21 +105,15 @@ def _coded_anew(field: RealField, value: Any) -> Any:
     return field.near(value, _residue(field, value))
 
 
-def _interval(value: Any) -> Any:
-    """Return a number with the uncertainty that its coding may have grown to (flint `arb`)."""
-    from flint import arb, ctx
-
-    with ctx.workprec(ROUNDED_BITS):
-        return arb(value) * arb(1, 2.0**-200)
-
-
 def settled(field: RealField, value: Any) -> Any:
     """Return the number that a coded one is rounded to in the end: equal numbers to equal ones."""
     if value.p % field.prime == 0:
         return fmpq(0)
-    exact = field.rational(_residue(field, value), _interval(value))
+    with ctx.workprec(ROUNDED_BITS):
+        ball = arb(value) * arb(1, 2.0**-200)  # with the uncertainty that its coding may have grown to
+    exact = field.rational(_residue(field, value), ball)
     if exact is not None:
-        return _fmpq(exact)
+        return fmpq(exact.numerator, exact.denominator)
     shift = ROUNDED_BITS - value.p.bit_length() + value.q.bit_length()
     scale = fmpq(2) ** shift
     target = value * scale
@@ -251,7 +237,11 @@ class FieldPolynomial(_RingElement):
             a, b = b.monic(), a % b.monic()
         common = a.monic()
         if common.degree() != degree or not (_divides(common, self) and _divides(common, other)):
-            raise _inaccurate(self.field)
+            raise NumericalError(
+                "common factors of polynomials with irrational coefficients need more than "
+                f"{self.field.bits:,} bits",
+                remedy="Write values as decimals, or give the graph fewer storage elements.",
+            )
         return common
 
     def factor_squarefree(self) -> tuple[Any, list[tuple[Self, int]]]:
@@ -273,22 +263,18 @@ class FieldPolynomial(_RingElement):
 
     def rounded(self) -> Any:
         """Return a monic rational polynomial (flint `fmpq_poly`) of the same structure, close to it."""
-        result = fmpq_poly([1])
         if not self:
             return fmpq_poly([])
-        for factor, power in self.factor_squarefree()[1]:
-            for factor_part in _parts(factor):
-                monic = factor_part.monic()
-                result *= fmpq_poly([settled(self.field, c) for c in monic.coeffs()]) ** power
-        return result
+        return math.prod((part**power for part, power in self._settled_parts()), start=fmpq_poly([1]))
 
     def factors(self) -> list[tuple[Any, int]]:
         """Return rational polynomials with the roots of the square-free factors, and their multiplicities."""
-        return [
-            (fmpq_poly([settled(self.field, c) for c in divisor.monic().coeffs()]).numer(), power)
-            for factor, power in self.factor_squarefree()[1]
-            for divisor in _parts(factor)
-        ]
+        return [(part.numer(), power) for part, power in self._settled_parts()]
+
+    def _settled_parts(self) -> Iterator[tuple[Any, int]]:
+        for factor, power in self.factor_squarefree()[1]:
+            for part in _parts(factor):
+                yield fmpq_poly(settled_coefficients(part.monic())), power
 
     def complex_roots(self) -> list[tuple[Any, int]]:
         """Return enclosures of the roots with their multiplicities, as flint's polynomials do."""
@@ -299,7 +285,7 @@ class FieldPolynomial(_RingElement):
         return self.rounded().numer()
 
 
-def _parts(factor: FieldPolynomial) -> Iterable[FieldPolynomial]:
+def _parts(factor: FieldPolynomial) -> Iterator[FieldPolynomial]:
     """Yield a square-free polynomial in parts: s, its pairs of roots s and -s, and the rest."""
     field = factor.field
     if factor[0] == 0:
@@ -346,13 +332,6 @@ def _size(number: Any) -> int:
     return int(number.p.bit_length()) - int(number.q.bit_length())
 
 
-def _inaccurate(field: RealField) -> NumericalError:
-    return NumericalError(
-        f"common factors of polynomials with irrational coefficients need more than {field.bits:,} bits",
-        remedy="Write values as decimals, or give the graph fewer storage elements.",
-    )
-
-
 def polynomial(field: RealField | None, coefficients: Iterable[Any]) -> Any:
     """Return a polynomial over the integers, or over a field."""
     return (
@@ -388,7 +367,8 @@ def leading_ratio(above: Any, below: Any) -> Fraction:
     if isinstance(above, FieldPolynomial) and isinstance(below, FieldPolynomial):
         if not above:
             return Fraction(0)
-        return _fraction(settled(above.field, above.leading_coefficient() / below.leading_coefficient()))
+        ratio = settled(above.field, above.leading_coefficient() / below.leading_coefficient())
+        return Fraction(int(ratio.p), int(ratio.q))
     return Fraction(int(above.leading_coefficient()), int(below.leading_coefficient()))
 
 
@@ -401,9 +381,7 @@ def integers(*polynomials: Any, rounded: bool = False) -> list[Any]:
         return list(polynomials)
     values = []
     for polynomial in polynomials:
-        value = polynomial.value if isinstance(polynomial, FieldPolynomial) else fmpq_poly(polynomial)
-        if rounded and isinstance(polynomial, FieldPolynomial):
-            value = fmpq_poly([settled(polynomial.field, c) for c in value.coeffs()])
-        values.append(value)
+        coefficients = settled_coefficients(polynomial) if rounded else polynomial.coeffs()
+        values.append(fmpq_poly(coefficients))
     common = math.lcm(*(int(value.denom()) for value in values))
     return [(value * common).numer() for value in values]

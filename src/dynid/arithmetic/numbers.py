@@ -78,7 +78,10 @@ def apply(operation: str, operands: list[Number]) -> Number:
         if operation in ("pos", "min", "max"):
             return as_number(_OPERATIONS[operation](*operands))
         if operation == "**":
-            operands = _exact_power(*operands)
+            base, exponent = operands
+            # An exponent that is an integer by its exact meaning is one.
+            if isinstance(exponent, Irrational) and abs(float(exponent) - round(float(exponent))) < 1e-6:
+                operands = [base, decided(exponent.term)]
         rounded = [float(argument) if isinstance(argument, Irrational) else argument for argument in operands]
     try:
         result = _checked(_OPERATIONS[operation](*rounded))
@@ -89,13 +92,6 @@ def apply(operation: str, operands: list[Number]) -> Number:
             return as_number(abs(operands[0]))
         return irrational(operation, operands, result)  # type: ignore[arg-type]
     return result
-
-
-def _exact_power(base: Number, exponent: Number) -> list[Number]:
-    """Return the operands of a power; an exponent that is an integer by its exact meaning is one."""
-    if isinstance(exponent, Irrational) and abs(float(exponent) - round(float(exponent))) < 1e-6:
-        exponent = decided(exponent.term)
-    return [base, exponent]
 
 
 def _checked(value: Number) -> Number:
@@ -195,6 +191,18 @@ _OPERATIONS: dict[str, Callable[..., Number]] = {
 # --- irrational numbers ---------------------------------------------------------------------------
 
 
+def _operators(operation: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return an operator of irrational numbers, and the same with one on its right."""
+    return (
+        lambda a, b, _modulus=None: _applied(operation, a, b),
+        lambda b, a, _modulus=None: _applied(operation, a, b),
+    )
+
+
+def _comparison(relation: Callable[[int, int], bool]) -> Callable[[Any, Any], bool]:
+    return lambda a, b: relation(_sign(a, b), 0)
+
+
 class Irrational(Fraction):
     """A number that is the value of a term.
 
@@ -251,47 +259,15 @@ class Irrational(Fraction):
     def __eq__(self, other: object) -> bool:
         return _number(other) and _sign(self, other) == 0
 
-    def __lt__(self, other: Any) -> bool:
-        return _sign(self, other) < 0
-
-    def __le__(self, other: Any) -> bool:
-        return _sign(self, other) <= 0
-
-    def __gt__(self, other: Any) -> bool:
-        return _sign(self, other) > 0
-
-    def __ge__(self, other: Any) -> bool:
-        return _sign(self, other) >= 0
-
-    def __add__(self, other: Any) -> Any:
-        return _applied("+", self, other)
-
-    def __radd__(self, other: Any) -> Any:
-        return _applied("+", other, self)
-
-    def __sub__(self, other: Any) -> Any:
-        return _applied("-", self, other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return _applied("-", other, self)
-
-    def __mul__(self, other: Any) -> Any:
-        return _applied("*", self, other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return _applied("*", other, self)
-
-    def __truediv__(self, other: Any) -> Any:
-        return _applied("/", self, other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return _applied("/", other, self)
-
-    def __pow__(self, other: Any, _modulus: None = None) -> Any:
-        return _applied("**", self, other)
-
-    def __rpow__(self, other: Any, _modulus: None = None) -> Any:
-        return _applied("**", other, self)
+    __lt__ = _comparison(operator.lt)
+    __le__ = _comparison(operator.le)
+    __gt__ = _comparison(operator.gt)
+    __ge__ = _comparison(operator.ge)
+    __add__, __radd__ = _operators("+")
+    __sub__, __rsub__ = _operators("-")
+    __mul__, __rmul__ = _operators("*")
+    __truediv__, __rtruediv__ = _operators("/")
+    __pow__, __rpow__ = _operators("**")
 
     def __neg__(self) -> Any:
         return _applied("neg", self)
@@ -324,15 +300,11 @@ def pi() -> Irrational:
 _PI = Term("pi")
 
 
-def _operand_of(value: Fraction) -> Term | Fraction:
-    """Return a number as an operand of terms."""
-    return value.term if isinstance(value, Irrational) else value
-
-
-def irrational(operation: str, operands: Iterable[Fraction], double: float) -> Fraction:
+def irrational(operation: str, numbers: Iterable[Fraction], double: float) -> Fraction:
     """Return the value of an operation on exact numbers of which a double is known."""
-    arguments = tuple(operands)
-    term = Term(operation, tuple(map(_operand_of, arguments)))
+    arguments = tuple(numbers)
+    operands = (argument.term if isinstance(argument, Irrational) else argument for argument in arguments)
+    term = Term(operation, tuple(operands))
     scale = max(abs(float(argument)) for argument in arguments) if operation in ("+", "-") else 1.0
     if operation in _VANISHING and abs(double) <= CANCELLATION * scale:
         return decided(term)
@@ -345,10 +317,7 @@ def decided(term: Term) -> Fraction:
     """Return the value of a term: a plain fraction where it is rational, else correctly rounded."""
     from dynid.arithmetic.real_field import RealField
 
-    return _rounded(term, RealField([term]).simplified(term))
-
-
-def _rounded(term: Term, value: Fraction | float) -> Fraction:
+    value = RealField([term]).simplified(term)
     return Irrational(term, value) if isinstance(value, float) else value
 
 

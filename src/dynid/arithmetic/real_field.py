@@ -33,8 +33,7 @@ from flint import arb, ctx, fmpq, fmpz, fmpz_mod_ctx, fmpz_mod_poly_ctx
 
 from dynid.arithmetic.integer_relations import integer_relation
 from dynid.arithmetic.modular_circle import ModularCircle, is_square, prime_factors
-from dynid.arithmetic.term_enclosures import TermEnclosures, root_ball
-from dynid.arithmetic.terms import OutOfRangeError, Term, in_order
+from dynid.arithmetic.terms import RATIONAL, Enclosures, OutOfRangeError, Term, in_order, root_ball
 
 #: Least bits of the prime, and of a random cofactor in it.
 _PRIME_BITS, _COFACTOR_BITS = 256, 64
@@ -113,11 +112,14 @@ class RealField:
     def __init__(self, terms: Iterable[Term], order: int = 0) -> None:
         self.bits = CODED_BITS + _BITS_PER_ORDER * order
         self._terms = list(in_order(terms))
-        self.enclosure = TermEnclosures().enclosure
+        self.enclosure = Enclosures()
         self._relations: dict[
             tuple[int, str, int, float], list[Fraction] | None
         ] = {}  # the same for every prime
-        modulus, trial, self._order = self._first_modulus(), 0, _CIRCLE_ORDER
+        modulus, trial, self._order = _CIRCLE_ORDER, 0, _CIRCLE_ORDER
+        for base in self._radicalprime_factors(self._terms):
+            if modulus.bit_length() < _MAX_MODULUS_BITS:
+                modulus = math.lcm(modulus, _odd(base))
         for _ in range(_MAX_TRIALS):
             self.prime = _prime(modulus, trial)
             try:
@@ -131,17 +133,8 @@ class RealField:
                 break
         else:
             raise OutOfRangeError("too many different roots; write fewer, or round some to decimals")
-        context = fmpz_mod_ctx(self.prime)
-        self.residues = context
-        self.polynomials = fmpz_mod_poly_ctx(context)
-
-    def _first_modulus(self) -> int:
-        """Return the factors of all radicands, multiplied as far as the product is short."""
-        modulus = _CIRCLE_ORDER
-        for base in self._radicalprime_factors(self._terms):
-            if modulus.bit_length() < _MAX_MODULUS_BITS:
-                modulus = math.lcm(modulus, _odd(base))
-        return modulus
+        self.residues = fmpz_mod_ctx(self.prime)
+        self.polynomials = fmpz_mod_poly_ctx(self.residues)
 
     @staticmethod
     def _radicalprime_factors(terms: Iterable[Term]) -> dict[int, None]:
@@ -189,14 +182,8 @@ class RealField:
         match operation:
             case "pi":
                 return self._pi
-            case "+":
-                return sum(images) % p
-            case "-":
-                return (images[0] - images[1]) % p
-            case "neg":
-                return -images[0] % p
-            case "*":
-                return images[0] * images[1] % p
+            case "+" | "-" | "*" | "neg":
+                return int(RATIONAL[operation](*images)) % p
             case "/":
                 return self._quotient(images[0], images[1])
             case "sqrt":
@@ -244,17 +231,12 @@ class RealField:
                 quotient, rest = divmod(power, degree)
                 perfect = perfect * pow(base, quotient, self.prime) % self.prime
                 if rest:
-                    self._add_radical(base, degree // math.gcd(rest, degree))
-                    perfect = (
-                        perfect
-                        * pow(self._canonical(base % self.prime, degree), rest, self.prime)
-                        % self.prime
-                    )
+                    root_degree = degree // math.gcd(rest, degree)
+                    self._radicals[base] = math.lcm(root_degree, self._radicals.get(base, 1))
+                    root = self._canonical(base % self.prime, degree)
+                    perfect = perfect * pow(root, rest, self.prime) % self.prime
             parts.append(perfect)
         return self._quotient(*parts)
-
-    def _add_radical(self, base: int, degree: int) -> None:
-        self._radicals[base] = math.lcm(degree, self._radicals.get(base, 1))
 
     def _check_degree(self, degree: int) -> None:
         if (self.prime + 1) % _odd(degree):
@@ -274,7 +256,8 @@ class RealField:
             return self._root_of_fraction(base, degree)
         self._check_degree(degree)
         root = self._canonical(image, degree)
-        if degree % 2 or not _sum_inside(base):
+        sums = ("+", "-", "sin", "cos", "tan")  # products of roots have theirs by their residues
+        if degree % 2 or not any(term.operation in sums for term in in_order([base])):
             return root
         twos = degree & -degree
         if twos > 2:  # as roots of roots
@@ -327,7 +310,7 @@ class RealField:
         if self._unit is not None and self._turns > 1:
             turn, outside = fmpq(2, self._turns), all(term.operation != "pi" for term in inside)
             cosine = 2 * self._points.times(self._unit, self._order // self._turns)[0] % self.prime
-            degree = max(_totient(self._turns) // 2, 2)
+            degree = max(int(fmpz(self._turns).euler_phi()) // 2, 2)
             radicals.append((outside, cosine, lambda: 2 * arb.cos_pi_fmpq(turn), degree))
         basis: list[tuple[int, Callable[[], Any]]] = [(1, lambda: arb(1))]
         for _, image, real, degree in sorted([*radicals, *reversed(others)], key=lambda entry: entry[0]):
@@ -495,11 +478,6 @@ def _radical(term: Term) -> bool:
     )
 
 
-def _sum_inside(base: Term) -> bool:
-    """Test whether a term holds a sum: products of roots have theirs by their residues."""
-    return any(term.operation in ("+", "-", "sin", "cos", "tan") for term in in_order([base]))
-
-
 def _undecided(term: Term) -> OutOfRangeError:
     """Return the error for two terms of which it cannot be decided whether they are equal."""
     digits = f"{int(_MAX_PRECISION * math.log10(2)):,} digits"
@@ -522,10 +500,6 @@ def _radical_ball(base: int, degree: int) -> Callable[[], Any]:
 
 def _product(first: Callable[[], Any], second: Callable[[], Any], power: int) -> Callable[[], Any]:
     return lambda: first() * second() ** power
-
-
-def _totient(number: int) -> int:
-    return int(fmpz(number).euler_phi())
 
 
 def _prime(modulus: int, trial: int) -> int:
