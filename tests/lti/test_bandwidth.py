@@ -8,7 +8,7 @@ from flint import fmpz_poly
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.lti.peaks import bandwidth
+from dynid.lti.margins import bandwidth
 
 
 def of(numerator, denominator):

@@ -12,8 +12,7 @@ from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES
 from dynid.checks import check_expectations
 from dynid.checks.expectations import axis_of
 from dynid.errors import SceneError
-from dynid.lti.margins import Margins
-from dynid.lti.peaks import Bandwidth
+from dynid.lti.margins import Bandwidth, Margins
 from dynid.lti.step_info import StepInfo
 from dynid.scene.doubts import scene_doubts
 from dynid.scene.kinds import bond_graph

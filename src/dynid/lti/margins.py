@@ -1,16 +1,16 @@
-"""Gain, phase, delay and modulus margins of a loop, from its exact open-loop transfer function.
+"""Margins of a loop, and bandwidth and resonance of a channel, from exact transfer functions.
 
-With L = N/D on s = jω, |L| = 1, Im L = 0 and the extremes of |1 + L| and |L/(1 + L)| are polynomial equations
-in ω² over the integers, whose roots are certified: no crossing is missed between the points of a grid. Where
-L(∞) is not 0, infinite frequency is a candidate, too: 1 + k L loses its leading coefficient at k = -1/L(∞)
-(Zhou, Doyle & Glover 1996, 5.2). Loops with delays: `lti/delay_margins.py`.
+With L = N/D on s = jω, |L| = 1, Im L = 0, the extremes of |1 + L| and |L/(1 + L)|, and |T| at a level are
+polynomial equations in ω² over the integers, whose roots are certified: no crossing is missed between the
+points of a grid. Where L(∞) is not 0, infinite frequency is a candidate, too: 1 + k L loses its leading
+coefficient at k = -1/L(∞) (Zhou, Doyle & Glover 1996, 5.2). Loops with delays: `lti/delay_margins.py`.
 """
 
 from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -18,15 +18,12 @@ from typing import Any
 from dynid.lti.certified_roots import certified_roots
 from dynid.lti.stability import all_left, stability
 
-#: Imaginary parts of roots below this, relative to their size, belong to real roots: the certified radii are
-#: of the order of rounding errors.
-_REAL_ROOT_RTOL = 1e-9
 #: Relative rounding errors of a loop at its limit of stability.
 LIMIT = 1e-9
 #: Verdict on a loop with L = 0.
 FEED_FORWARD = "stable: L = 0, nothing is fed back"
-#: Bits with which loops are evaluated.
-_LOOP_BITS = 160
+#: Working precision, bits.
+_AXIS_BITS = 256
 
 
 #: Margins that are defined for a stable loop alone: the changes that make it unstable, and their frequencies.
@@ -101,18 +98,15 @@ def margins(numerator: Any, denominator: Any) -> Margins:
     Its polynomials have no common factor; 0/1 is a feed-forward, which limits nothing and moves no pole.
     """
     n, d = _on_axis(numerator), _on_axis(denominator)
-    size_n, size_d = _squared(n), _squared(d)
-    # Im(N conj D) = 0 and |N|^2 = |D|^2, as polynomials in ω.
-    imaginary = n[1] * d[0] - n[0] * d[1]
-    phases = [
-        (lag(_ratio(numerator, denominator, omega)), omega) for omega in _positive_roots(size_n - size_d)
-    ]
+    size_n, size_d = _squared(numerator), _squared(denominator)
+    imaginary = n[1] * d[0] - n[0] * d[1]  # of N conj D, over ω
+    phases = [(lag(_ratio(numerator, denominator, omega)), omega) for omega in _frequencies(size_n - size_d)]
     delay = min((math.radians(angle) / omega for angle, omega in phases), default=math.inf)
     limit = _limit(numerator, denominator)
     if abs(limit) == 1:
         phases.append((lag(complex(limit)), math.inf))
     phase, gain_crossover = min(phases, default=(math.inf, math.inf))
-    crossings = [*_positive_roots(_without(imaginary, size_d)), *([0.0] if denominator[0] != 0 else [])]
+    crossings = [*_frequencies(_without(imaginary, size_d)), *([0.0] if denominator[0] != 0 else [])]
     real = [(_ratio(numerator, denominator, omega).real, omega) for omega in crossings]
     gains = [(-1 / value, omega) for value, omega in real if value < 0]
     above = [(factor, omega) for factor, omega in gains if factor >= 1 - LIMIT]
@@ -152,18 +146,14 @@ def lag(value: complex) -> float:
 
 
 def _largest(top: Any, bottom: Any) -> tuple[float, float]:
-    """Return the largest size of a rational function on s = jω, and its frequency.
-
-    Infinite where a pole lies on the axis.
-    """
+    """Return the largest size of a rational function on s = jω, and its frequency; inf at a pole there."""
     shared = top.gcd(bottom)
     top, bottom = top // shared, bottom // shared
-    above, below = _squared(_on_axis(top)), _squared(_on_axis(bottom))
-    on_axis = [abs(root.value) for root in certified_roots(bottom) if root.side == 0]
-    if on_axis:
-        return math.inf, min(on_axis)
+    above, below = _squared(top), _squared(bottom)
+    if poles := [*([0.0] if below[0] == 0 else []), *_frequencies(below)]:
+        return math.inf, poles[0]
     stationary = above.derivative() * below - above * below.derivative()
-    sizes = [(abs(_ratio(top, bottom, omega)), omega) for omega in [0.0, *_positive_roots(stationary)]]
+    sizes = [(abs(_ratio(top, bottom, omega)), omega) for omega in [0.0, *_frequencies(stationary)]]
     high = math.inf if top.degree() > bottom.degree() else float(abs(_limit(top, bottom)))
     return largest_of([*sizes, (high, math.inf)])
 
@@ -192,7 +182,7 @@ def _ratio(top: Any, bottom: Any, omega: float) -> complex:
 
     from dynid.arithmetic.field_polynomials import integers
 
-    with ctx.workprec(_LOOP_BITS):
+    with ctx.workprec(_AXIS_BITS):
         s = acb(0, omega)
         top, bottom = integers(top, bottom)
         value = acb_poly(top)(s) / acb_poly(bottom)(s)
@@ -207,25 +197,79 @@ def _without(polynomial: Any, factor: Any) -> Any:
 
 
 def _on_axis(polynomial: Any) -> tuple[Any, Any]:
-    """Return real and imaginary part on s = jω, as polynomials in ω."""
+    """Return P and Q of p(jω) = P(ω²) + jω Q(ω²)."""
     from dynid.arithmetic.field_polynomials import like
 
-    coefficients = polynomial.coeffs()
-    signs = (1, 1, -1, -1)
-    real = [c * signs[k % 4] if k % 2 == 0 else 0 for k, c in enumerate(coefficients)]
-    imaginary = [c * signs[k % 4] if k % 2 else 0 for k, c in enumerate(coefficients)]
-    return like(polynomial, real), like(polynomial, imaginary)
+    coefficients = [c * (-1) ** (k // 2) for k, c in enumerate(polynomial.coeffs())]
+    return like(polynomial, coefficients[::2]), like(polynomial, coefficients[1::2])
 
 
-def _squared(parts: tuple[Any, Any]) -> Any:
-    return parts[0] * parts[0] + parts[1] * parts[1]
+def _squared(polynomial: Any) -> Any:
+    """Return |p(jω)|² as a polynomial in ω²."""
+    from dynid.arithmetic.field_polynomials import like
+
+    real, imaginary = _on_axis(polynomial)
+    return real * real + like(polynomial, [0, 1]) * imaginary * imaginary
 
 
-def _positive_roots(polynomial: Any) -> Iterator[float]:
-    """Yield the positive real roots of a polynomial in ω."""
+def _frequencies(polynomial: Any, *, crossings: bool = False) -> list[float]:
+    """Return ω of the positive roots ω² of a polynomial, ascending; or of its changes of sign alone."""
+    from flint import ctx
+
     if polynomial == 0:
-        return
-    for root in certified_roots(polynomial):
-        value = root.value
-        if value.real > 0 and abs(value.imag) <= max(root.radius, _REAL_ROOT_RTOL * abs(value)):
-            yield value.real
+        return []
+    with ctx.workprec(_AXIS_BITS):
+        roots = [
+            float(root.real.sqrt())
+            for root, count in polynomial.complex_roots()
+            if root.imag == 0 and root.real > 0 and (count % 2 or not crossings)
+        ]
+    return sorted(roots)
+
+
+@dataclass(frozen=True)
+class Bandwidth:
+    """Bandwidth and resonance of a channel; None where one is not defined.
+
+    Parameters
+    ----------
+    status
+        `defined`, or the reason why some or all are not.
+    bandwidth
+        The lowest frequency, rad/s, at which |T(jω)| falls below |T(0)|/√2 (-3 dB); inf where it never does.
+    peak_gain, peak_frequency
+        The supremum of |T(jω)| over all frequencies, and the lowest frequency where it is taken, rad/s; inf
+        at an undamped pole; the frequency is inf where it is the limit of high frequencies.
+    half_power_low, half_power_high
+        The nearest frequencies below and above that of the peak at which |T| is 1/√2 of it, rad/s; 0 and inf
+        where there is none on that side.
+    """
+
+    status: str
+    bandwidth: float | None = None
+    peak_gain: float | None = None
+    peak_frequency: float | None = None
+    half_power_low: float | None = None
+    half_power_high: float | None = None
+
+
+def bandwidth(numerator: Any, denominator: Any) -> Bandwidth:
+    """Return bandwidth and resonance of a transfer function in lowest terms (flint `fmpz_poly`)."""
+    if numerator == 0:
+        return Bandwidth("undefined: the input does not reach the output")
+    above, below = _squared(numerator), _squared(denominator)
+    status, band = "defined", None
+    if below[0] == 0:
+        status = "partly defined: T(0) is infinite, which the bandwidth refers to"
+    elif above[0] == 0:
+        status = "partly defined: T(0) is 0, which the bandwidth refers to"
+    else:  # |T(jω)|² - |T(0)|²/2, over a positive factor: positive at rest
+        band = min(_frequencies(2 * above * below[0] - above[0] * below, crossings=True), default=math.inf)
+    gain, at = _largest(numerator, denominator)
+    if gain == math.inf:
+        return Bandwidth(status, band, gain, at)
+    square = Fraction(gain) ** 2
+    half = _frequencies(2 * above * square.denominator - square.numerator * below, crossings=True)
+    low = max((omega for omega in half if omega < at), default=0.0)
+    high = min((omega for omega in half if omega > at), default=math.inf)
+    return Bandwidth(status, band, gain, at, low, high)

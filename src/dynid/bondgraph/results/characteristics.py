@@ -6,7 +6,7 @@ from dataclasses import fields
 
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.reduced_graph import ReducedGraph
-from dynid.lti.peaks import Bandwidth, bandwidth
+from dynid.lti.margins import Bandwidth, bandwidth
 from dynid.lti.step_info import StepInfo, step_info
 from dynid.progress import tracked
 from dynid.result import Result
