@@ -23,6 +23,7 @@ from dynid.bondgraph.program.factored import (
 )
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Undecided
+from dynid.lti.stability import SidedRoot
 from dynid.number_format import root_text
 from dynid.suggestions import shortened
 
@@ -161,16 +162,10 @@ _REPEATED_ROOT_RTOL = 2.0**-40
 
 
 @dataclass(frozen=True)
-class EstimatedRoot:
-    """A root with an error estimate."""
+class EstimatedRoot(SidedRoot):
+    """A root with an error estimate, and the relative residual of the equations."""
 
-    value: complex
-    multiplicity: int  # its multiplicity; roots that cannot be distinguished stand side by side
-    radius: float  # estimate of the error, rad/s
-    #: -1 in the open left half-plane, 0 on the imaginary axis, +1 in the open right half-plane, None where
-    #: the error leaves that open.
-    side: int | None
-    residual: float  # relative residual of the equations
+    residual: float
 
 
 def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tuple[EstimatedRoot, ...]:
