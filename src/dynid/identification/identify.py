@@ -8,7 +8,7 @@ Source: K. T. Yang 1997.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
@@ -167,7 +167,9 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
         if fixed:
             model = with_fixed(model, fixed)
             likelihood = problem.likelihood_of(model, values).continuing(likelihood)
-        refit = None if rebuild is None else partial(_rebuilt, rebuild, dict(fixed))
+        refit: Any = rebuild
+        if rebuild is not None and fixed:
+            refit = partial(lambda fixed, values: with_fixed(rebuild(values), fixed), dict(fixed))
         posterior, model = _settled(problem, model, likelihood, eta, estimator, refit, suggest=suggest)
         posterior = replace(posterior, undetermined=tuple(fixed))
         lost = _undetermined(posterior)
@@ -258,12 +260,6 @@ def _settled(
         likelihood = problem.likelihood_of(model, values)
         likelihood = likelihood.continuing(posterior.likelihood).continuing(covering)
     return posterior, model
-
-
-def _rebuilt(rebuild: Rebuild, fixed: Mapping[str, float], values: Mapping[str, float]) -> Any:
-    """Return a rebuilt model with parameters fixed."""
-    model = rebuild(values)
-    return with_fixed(model, fixed) if fixed else model
 
 
 def _undetermined(posterior: Posterior) -> dict[str, float]:

@@ -44,22 +44,11 @@ _MIN_TESTED_SAMPLES = 20
 
 
 def whiteness(*residuals: Array, coefficients: Sequence[int] = ()) -> float:
-    """Return the p-value of the Ljung–Box test that the residuals are white, all channels together.
+    """Return the p-value of the Ljung–Box test that residuals (times x channels a record) are white together.
 
-    Parameters
-    ----------
-    *residuals
-        Residuals of each record (times x channels); NaN where missing.
-    coefficients
-        Of each record the number of coefficients of the autoregressions that whitened it; absent: none.
+    Near 0: coloured; 1 where the records are too short to be tested. `coefficients`: of each record the
+    number of coefficients of the autoregressions that whitened it.
 
-    Returns
-    -------
-    float
-        Near 0: coloured. 1 where the records are too short to be tested.
-
-    Notes
-    -----
     Q = N (N + 2) sum_l r_l^2 / (N - l), summed over channels and records, against chi-squared; lags up to
     min(20, N / 4), and of whitened residuals as many more as coefficients a channel, which count as degrees
     of freedom. G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297–303.
@@ -128,16 +117,8 @@ class Consistency(NamedTuple):
 def autocorrelation(residual: Array) -> tuple[Array, Array]:
     """Return the autocorrelation of each channel at lags 1, 2, … (lags x channels), and its 95 % band.
 
-    Parameters
-    ----------
-    residual
-        Residuals (times x channels), NaN where missing.
-
-    Returns
-    -------
-    tuple
-        The autocorrelations, up to 40 or a quarter of the samples; and half the width of the band that 95 %
-        of those of white noise lie in (channels).
+    Up to lag 40, or a quarter of the samples; and half the width of the band that 95 % of those of white
+    noise lie in (channels).
     """
     lags = min(_AUTOCORRELATION_LAGS, len(residual) // 4)
     centred = standardised(residual)
@@ -156,19 +137,8 @@ def spectrum(residual: Array, step: float) -> tuple[Array, Array]:
 
     Averaged over segments of up to 512 samples that overlap by half, under Hann's window (P. D. Welch, IEEE
     Trans. Audio Electroacoust. 15 (1967) 70–73). Missing samples count as zeros, and the power is raised by
-    as many.
-
-    Parameters
-    ----------
-    residual
-        Residuals (times x channels), NaN where missing.
-    step
-        Sampling step, s.
-
-    Returns
-    -------
-    tuple
-        omega, rad/s, and roots of one-sided densities (omega x channels), unit times the root of s/rad.
+    as many. Returns omega, rad/s, and roots of one-sided densities (omega x channels), unit times the root of
+    s/rad.
     """
     n = len(residual)
     length = min(n, _SEGMENT)
@@ -258,9 +228,12 @@ def noise_test(squares: Array, degrees: Array, robust: NDArray[np.bool_]) -> Noi
     p, ratio = np.full((2, len(squares)), np.nan)
     for k in np.flatnonzero(tested):
         ratio[k] = math.sqrt(squares[k] / degrees[k])
-        p[k] = (
-            _robust_deviation_p(ratio[k], degrees[k]) if robust[k] else _two_sided_p(squares[k], degrees[k])
-        )
+        if not robust[k]:
+            p[k] = _two_sided_p(squares[k], degrees[k])
+        elif ratio[k] > 0:  # of a robust deviation of so many values to the true one
+            p[k] = math.erfc(abs(math.log(ratio[k])) * math.sqrt(degrees[k] / 2) / _MAD_SPREAD)
+        else:
+            p[k] = 0.0
     if not tested.any():
         return NoiseTest(math.nan, p, ratio)
     p_values = p[tested].tolist()
@@ -275,11 +248,6 @@ def _two_sided_p(x: float, degrees: float) -> float:
 
     below, above = float(gammainc(degrees / 2, x / 2)), float(gammaincc(degrees / 2, x / 2))
     return min(1.0, 2 * min(below, above))
-
-
-def _robust_deviation_p(ratio: float, count: float) -> float:
-    """Return the two-sided p-value of a ratio of a robust deviation of `count` values to the true one."""
-    return math.erfc(abs(math.log(ratio)) * math.sqrt(count / 2) / _MAD_SPREAD) if ratio > 0 else 0.0
 
 
 def robust_deviation(values: Array) -> Array:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,8 +96,14 @@ def calibration_slopes(
     `noise`: deviations of the noise (channels) of each record; `held`: mask of parameters at a limit (p):
     these do not move.
     """
-    fits = zip(likelihood.records, fit.parts, noise, strict=True)
-    derivatives = [_derivatives(record, record_fit, level) for record, record_fit, level in fits]
+    derivatives = [
+        _of_record(record, record_fit, level)
+        if isinstance(record, TimeRecord)
+        else _of_responses(record, record_fit, level)
+        if isinstance(record, FrfRecord)
+        else _of_modes(cast("ModalRecord", record), record_fit, level)
+        for record, record_fit, level in zip(likelihood.records, fit.parts, noise, strict=True)
+    ]
     quantities = list(dict.fromkeys(name for record in derivatives for name in record.quantities))
     changes, priors = np.full(len(quantities), np.inf), likelihood.priors.rows()
     by_quantity = []
@@ -116,15 +122,6 @@ def calibration_slopes(
     visibility = np.linalg.norm(g - J @ moves, axis=0) * changes
     slopes = np.where(held[:, None], 0.0, -moves)
     return CalibrationSlopes(likelihood.names, quantities, changes, slopes, visibility)
-
-
-def _derivatives(record: RecordLikelihood, fit: RecordFit, noise: Array) -> _CalibrationDerivatives:
-    """Return the derivatives of a record by its calibration, for a noise of this deviation (channels)."""
-    if isinstance(record, TimeRecord):
-        return _of_record(record, fit, noise)
-    if isinstance(record, FrfRecord):
-        return _of_responses(record, fit, noise)
-    return _of_modes(record, fit, noise)  # type: ignore[arg-type]
 
 
 def _considered(freed: Sequence[Parameter], record: RecordLikelihood) -> tuple[list[int], list[float]]:

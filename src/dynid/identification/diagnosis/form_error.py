@@ -10,7 +10,6 @@ is 3 or 4. This is a proposal: the scene decides, by `model_error`.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,7 +83,8 @@ def needed_form_error(posterior: Posterior) -> FormError | None:
             fit = refine(_with_error(likelihood, at, error), fit.eta).fit
             if np.all(np.abs(error - before) <= _SETTLED_REL_CHANGE * error):
                 break
-        rounded = np.array([_rounded_up(e) for e in error.tolist()])
+        units = 10.0 ** (np.floor(np.log10(np.where(error > 0, error, 1.0))) - 1)  # upwards to two digits
+        rounded = np.array([float(f"{e:.2g}") for e in np.abs(np.ceil(error / units - 1e-9)) * units])
         compared = _compared(_with_error(likelihood, at, rounded), fit)
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         return None
@@ -138,14 +138,6 @@ def _form_error(residual: Array, scatter: Array, size: Array, degrees: float) ->
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if excess(middle) > 0 else (low, middle)
     return high
-
-
-def _rounded_up(error: float) -> float:
-    """Return a number rounded upwards to two digits."""
-    if error <= 0:
-        return 0.0
-    unit = 10.0 ** (math.floor(math.log10(error)) - 1)
-    return float(f"{math.ceil(error / unit - 1e-9) * unit:.2g}")
 
 
 def _deciding_priors(posterior: Posterior) -> tuple[str, ...]:

@@ -37,9 +37,11 @@ from dynid.identification.diagnosis.corrections import (
     concentrated,
     corrected,
     estimated,
+    free_gain,
+    gain_sentence,
+    gain_unknown,
     shifted,
 )
-from dynid.identification.diagnosis.free_gains import free_gain, gain_sentence, gain_unknown
 from dynid.identification.likelihood.frf_record import FrfLikelihood, FrfRecord
 from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
@@ -86,23 +88,21 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
         before = concentrated(plain, plain.fit(etas[0]), None)
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         before = math.inf
-    for best in _explanations(likelihood, plain, etas):
+    for best in _explanations(plain, etas):
         if best is not None and _explains(plain, best, before):
             return list(_sentences(plain, best))
     return []
 
 
-def _explanations(likelihood: Likelihood, plain: Likelihood, etas: Sequence[Array]) -> Iterator[Found | None]:
+def _explanations(plain: Likelihood, etas: Sequence[Array]) -> Iterator[Found | None]:
     """Yield the best corrections from what predictions suggest, from common mistakes, and of a gain."""
-    estimates = [estimate for eta in etas if (estimate := _search(likelihood, plain, eta)) is not None]
+    estimates = [estimate for eta in etas if (estimate := _search(plain, eta)) is not None]
     yield min(estimates, key=lambda estimate: estimate.value, default=None)
-    yield _from_common_mistakes(likelihood, plain, etas[-1])
-    yield free_gain(likelihood, plain, etas[0])
+    yield _from_common_mistakes(plain, etas[-1])
+    yield free_gain(plain, etas[0])
 
 
-def _search(
-    likelihood: Likelihood, plain: Likelihood, eta: Array, first: Corrections | None = None
-) -> Found | None:
+def _search(plain: Likelihood, eta: Array, first: Corrections | None = None) -> Found | None:
     """Return corrections and estimate that belong to each other; None where the estimate fails."""
     # The `first` corrections are those of the prediction at `eta` where none are given.
     try:
@@ -111,7 +111,7 @@ def _search(
             none = [[NONE] * record.data.values.shape[1] for record in plain.records]
             corrections = _chosen(plain, plain.fit(eta), none)
         for _ in range(_CORRECTION_ROUNDS):
-            estimate = estimated(likelihood, plain, corrections, eta, STEPS)
+            estimate = estimated(plain, corrections, eta, STEPS)
             new = _chosen(plain, estimate.fit, corrections)
             if new == corrections:
                 return estimate
@@ -121,7 +121,7 @@ def _search(
     return None
 
 
-def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array) -> Found | None:
+def _from_common_mistakes(plain: Likelihood, eta: Array) -> Found | None:
     """Return the best of the searches that start with one mistake in all channels, a quantity, or a sign."""
     if (
         sum(record.data.values.size for record in plain.records) * plain.records[0].nuisances
@@ -168,11 +168,11 @@ def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array)
     estimates = []
     for corrections in tried:
         try:
-            estimates.append(estimated(likelihood, plain, corrections, eta, FEW_STEPS))
+            estimates.append(estimated(plain, corrections, eta, FEW_STEPS))
         except (DynidError, ArithmeticError, np.linalg.LinAlgError):
             continue
     best = min(estimates, key=lambda estimate: estimate.value, default=None)
-    return None if best is None else _search(likelihood, plain, best.fit.eta, best.corrections)
+    return None if best is None else _search(plain, best.fit.eta, best.corrections)
 
 
 def _exchanges(plain: Likelihood) -> list[Corrections]:

@@ -71,17 +71,10 @@ _AGREEING, _CONFIRMED_SEARCHES, _AGREEING_RECORDS = 8, 2, 3
 
 @dataclass(frozen=True)
 class Auto:
-    """Estimator: maximum likelihood by a search that suits the kind of the records.
+    """Estimator: maximum likelihood by a search that suits the kind of the records."""
 
-    Parameters
-    ----------
-    multi_start
-        True: more than the attempts from the given start may be made.
-    accept_small
-        True: residuals of frequency responses that are small are accepted whatever their colour.
-    """
-
-    multi_start: bool = True
+    multi_start: bool = True  # True: more than the attempts from the given start may be made
+    # True: residuals of frequency responses that are small are accepted whatever their colour.
     accept_small: bool = False
     name: str = "auto"
 
@@ -128,8 +121,11 @@ class Auto:
             end = likelihood if weighted is None else likelihood.with_weights_of(weighted)
             full_search = Search(end, accept_small=self.accept_small)
             full_search.attempt("the whole model", partial(guided, (), estimate.fit.eta))
-            if full_search.tried and (full_search.accepted or _agree(estimate, full_search.tried[0])):
-                return _completed(estimate, full_search.tried[0], likelihood)
+            for full in full_search.tried:
+                deviations = full.likelihood.information(full.fit, full.fit.noise).deviations()
+                apart = np.abs(full.fit.eta - estimate.fit.eta)
+                if full.accepted or np.all(apart <= _CONFIRMED_DEVIATIONS * deviations):
+                    return _completed(estimate, full, likelihood)
             band *= 2  # more modes, until the whole model confirms the search
         return self._searched(likelihood, origin)
 
@@ -181,12 +177,6 @@ def _filtered(
     """Begin with passes of the filter."""
     sweeps = passes(likelihood, eta)
     return last(likelihood, sweeps), sweeps
-
-
-def _agree(estimate: Estimate, full: Attempt) -> bool:
-    """Return True if an estimate is that of the whole model, to a fraction of its standard errors."""
-    deviations = full.likelihood.information(full.fit, full.fit.noise).deviations()
-    return bool(np.all(np.abs(full.fit.eta - estimate.fit.eta) <= _CONFIRMED_DEVIATIONS * deviations))
 
 
 def _completed(estimate: Estimate, full: Attempt, likelihood: FrfLikelihood) -> Estimate:

@@ -286,15 +286,9 @@ def _lengths(S: Array) -> Array:
 
 
 def _update(S: Array, H: Array, innovation: Array, present: list[int], normalised: Array) -> Array:
-    """Take one sample into account, channel by channel, in units of its noise; S in place (Potter).
-
-    Into `normalised` (channels) go the innovations over their deviations, each given the channels before it.
-
-    Returns
-    -------
-    Array
-        The correction of state and coordinates (n + p).
-    """
+    """Take one sample into account, in units of its noise (Potter); return the correction (n + p)."""
+    # S changes in place; into `normalised` (channels) go the innovations over their deviations, each given
+    # the channels before it.
     correction = np.zeros(len(S), dtype=S.dtype)
     for channel in present:
         h = H[channel]

@@ -43,14 +43,9 @@ class Filter:
     parameters with a fresh covariance (`_unit_prior`) and the noise of its residuals. They
     converge to the filter's fixed point, which is not exactly the maximum-likelihood point; where the two
     differ, more passes do not help.
-
-    Parameters
-    ----------
-    passes
-        Number of passes over the record.
     """
 
-    passes: int = FILTER_PASSES.value
+    passes: int = FILTER_PASSES.value  # number of passes over the record
     name: str = "filter"
 
     def __post_init__(self) -> None:

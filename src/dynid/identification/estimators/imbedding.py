@@ -37,22 +37,14 @@ _TIME_ROUND_OFF = 1e-12
 
 @dataclass(frozen=True)
 class InvariantImbedding:
-    """Estimator: eqs 19–20 of the paper, integrated by LSODA (implicit where stiff, its step controlled).
+    """Estimator: eqs 19–20 of the paper, integrated by LSODA (implicit where stiff, its step controlled)."""
 
-    Parameters
-    ----------
-    noise_ratio
-        Deviation of the noise that the weight Q stands for, as a part of each channel's RMS.
-    input_deviation
-        Deviation of an unmodelled force at every load, N; with it goes the term 1/2 k W^-1 k^T, W taken so
-        that it is the covariance that white noise of this deviation and the record's step would add.
-    tolerance
-        Relative tolerance of the integration.
-    """
-
+    # Deviation of the noise that the weight Q stands for, as a part of each channel's RMS.
     noise_ratio: float = 0.05
+    # Deviation of an unmodelled force at every load, N; with it goes the term 1/2 k W^-1 k^T, W taken so that
+    # it is the covariance that white noise of this deviation and the record's step would add.
     input_deviation: float = 0.0
-    tolerance: float = 1e-4
+    tolerance: float = 1e-4  # relative tolerance of the integration
     name: str = "invariant-imbedding"
 
     def __post_init__(self) -> None:

@@ -70,15 +70,9 @@ class Refined(NamedTuple):
 
 @dataclass(frozen=True)
 class OutputError:
-    """Estimator: maximum likelihood from the start values, without a filter.
+    """Estimator: maximum likelihood from the start values, without a filter."""
 
-    Parameters
-    ----------
-    iterations
-        Most steps.
-    """
-
-    iterations: int = 50
+    iterations: int = 50  # most steps
     name: str = "output-error"
 
     def __post_init__(self) -> None:
@@ -223,15 +217,9 @@ def _improved(
 
 @dataclass(frozen=True)
 class Huber:
-    """Estimator: Huber's loss instead of squares.
+    """Estimator: Huber's loss instead of squares."""
 
-    Parameters
-    ----------
-    inner
-        The estimator of maximum likelihood from whose estimate it starts.
-    """
-
-    inner: Estimator
+    inner: Estimator  # the estimator of maximum likelihood from whose estimate it starts
 
     @property
     def name(self) -> str:

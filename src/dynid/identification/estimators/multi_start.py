@@ -10,6 +10,7 @@ starts are used up; of frequency responses of large models also after a number o
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import cycle
 from typing import NamedTuple, TypeAlias
@@ -157,8 +158,10 @@ class Search:
                 route = next(turn)
                 is_guided = bool(route)
                 if is_guided not in ranked:
-                    chooser = guide if is_guided else self.likelihood
-                    misfits = [_misfit_at(chooser, eta) for eta in tracked(starts, "start")]
+                    chooser, misfits = guide if is_guided else self.likelihood, np.full(count, np.inf)
+                    for k, eta in enumerate(tracked(starts, "start")):
+                        with suppress(DynidError), guarded("the prediction"):  # numbers may leave their range
+                            misfits[k] = chooser.misfit_at(eta)
                     ranked[is_guided] = iter(np.argsort(misfits, kind="stable").tolist())
                 chosen = next(k for k in ranked[is_guided] if k not in used)
                 used.add(chosen)
@@ -271,12 +274,3 @@ def drawn_starts(priors: Priors, origin: Array, count: int, reach: float, seed: 
     low, high = np.maximum(centre - spread, priors.low), np.minimum(centre + spread, priors.high)
     places = (strata + rng.random(strata.shape)) / count
     return priors.clipped(low + (high - low) * places)
-
-
-def _misfit_at(guide: Likelihood, eta: Array) -> float:
-    """Return the misfit at coordinates (p), infinite where the prediction leaves the range of numbers."""
-    try:
-        with guarded("the prediction"):
-            return guide.misfit_at(eta)
-    except DynidError:
-        return np.inf

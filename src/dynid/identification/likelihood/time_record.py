@@ -38,7 +38,7 @@ from dynid.identification.records.noise import Autoregression, ColouredNoise, es
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.residual_tests import spectrum
 from dynid.identification.statistics import root_mean_square
-from dynid.identification.systems.known_inputs import NONE_LEFT_OUT, KnownSamples
+from dynid.identification.systems.known_inputs import NONE_LEFT_OUT, KnownSamples, known_samples
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.identification.systems.prediction import (
@@ -126,7 +126,7 @@ class TimeRecord(RecordLikelihood):
             return self.left_out
         measurement = self.experiment.measurement
         simulated = isinstance(measurement.source, Simulation)
-        return self.model.known_samples(measurement.record.times, eta, reach, simulated=simulated)
+        return known_samples(self.model, measurement.record.times, eta, reach, at_rest_before=simulated)
 
     @property
     def full_data(self) -> RecordData:

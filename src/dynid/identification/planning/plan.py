@@ -44,31 +44,20 @@ _STILL = 1e-9
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """A request for a plan.
+    """A request for a plan."""
 
-    Parameters
-    ----------
-    sensors, lines
-        How many to choose; absent: as many as there are (lines: 3 where the excitation is none of sines).
-    candidates
-        Candidate sensors; absent: `quantities` of every DOF, or every variable of a graph.
-    quantities
-        Quantities of the candidates where these are not listed.
-    noise
-        Standard deviation of the candidates' noise by quantity, SI.
-    dofs
-        Where forces may act, or sources; absent: at every DOF that is no rotation, and every source.
-    band
-        Where sines are looked for, rad/s; absent: around the modes.
-    """
-
+    # `sensors`, `lines`: how many to choose; absent: as many as there are (lines: 3 where the excitation is
+    # none of sines)
     sensors: int | None = None
     lines: int | None = None
+    # Candidate sensors; absent: `quantities` of every DOF, or every variable of a graph.
     candidates: Sequence[Any] = ()
-    quantities: Sequence[str] = tuple(UNITS)
+    quantities: Sequence[str] = tuple(UNITS)  # quantities of the candidates where these are not listed
+    # Standard deviation of the candidates' noise by quantity, SI.
     noise: Mapping[str, float] = field(default_factory=dict)
+    # Where forces may act, or sources; absent: at every DOF that is no rotation, and every source.
     dofs: Sequence[Label] = ()
-    band: tuple[float, float] | None = None
+    band: tuple[float, float] | None = None  # where sines are looked for, rad/s; absent: around the modes
 
 
 def plan(
@@ -117,7 +106,11 @@ def plan(
         sensors = candidate_sensors(model, experiment, expected, channels, request.noise)
         _add_sensors(result, sensors, channels_present, names, request.sensors or len(channels_present))
         if all(load.motion is None for load in experiment.loads):
-            dofs = request.dofs or _all_places(model)
+            dofs: Sequence[Label] = request.dofs
+            if not dofs and isinstance(model, IdentifiedGraph):
+                dofs = [name for name, node in model.graph.nodes.items() if node.type in SOURCES]
+            elif not dofs and isinstance(model, StructuralModel):
+                dofs = [dof for dof in _all_dofs(model) if labels.kind(dof) != "rotation"]
             report_progress(f"ranking sines at {counted(len(dofs), 'place')}")
             sines = candidate_sines(model, experiment, expected, dofs, request.band)
             count = request.lines or present_lines(experiment)
@@ -152,14 +145,6 @@ def _all_dofs(model: StructuralModel) -> tuple[Label, ...]:
     while model.basis is not None:
         model = model.basis.parent
     return model.dofs
-
-
-def _all_places(model: Model) -> tuple[Label, ...]:
-    """Return where an excitation may act: DOFs that are no rotations, or the sources of a graph."""
-    if isinstance(model, StructuralModel):
-        return tuple(dof for dof in _all_dofs(model) if labels.kind(dof) != "rotation")
-    assert isinstance(model, IdentifiedGraph)
-    return tuple(name for name, node in model.graph.nodes.items() if node.type in SOURCES)
 
 
 def every_channel(model: Model, quantities: Sequence[str] = tuple(UNITS)) -> list[Any]:

@@ -52,40 +52,24 @@ class Frf(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FrfMeasurement:
-    """Frequency response functions at common lines.
+    """Frequency response functions at common lines."""
 
-    Parameters
-    ----------
-    omega
-        Lines (L), rad/s, increasing.
-    channels
-        The frequency response functions.
-    source
-        Measured values (L x channels, complex, SI units, NaN where a line is missing), or how to simulate
-        them: complex noise whose standard deviation is the ratio times the channel's RMS.
-    noise
-        Standard deviation of the complex noise, root of E |n|^2: one number, or one a channel, NaN where it
-        is unknown. Absent: it is estimated from the residuals.
-    deviation
-        The noise's standard deviation by line (L x channels).
-    relative
-        True if only the ratio of deviations from line to line is known; their size is then `noise`.
-    proportional
-        True if the deviation of the noise at each line is a ratio of the response there, which is `noise`, or
-        estimated. The weights are first those of the measured values, then of the model's at the estimate:
-        those of measured values favour lines where the noise is against the response.
-    notes
-        Warnings of how they were read.
-    """
-
-    omega: Array
-    channels: tuple[Frf, ...]
+    omega: Array  # lines (L), rad/s, increasing
+    channels: tuple[Frf, ...]  # the frequency response functions
+    # Measured values (L x channels, complex, SI units, NaN where a line is missing), or how to simulate them:
+    # complex noise whose standard deviation is the ratio times the channel's RMS.
     source: Simulation | ArrayLike = field(default_factory=Simulation)
+    # Standard deviation of the complex noise, root of E |n|^2: one number, or one a channel, NaN where it is
+    # unknown. Absent: it is estimated from the residuals.
     noise: float | Sequence[float] | None = None
-    deviation: Array | None = None
+    deviation: Array | None = None  # the noise's standard deviation by line (L x channels)
+    # True if only the ratio of deviations from line to line is known; their size is then `noise`.
     relative: bool = False
+    # True if the deviation of the noise at each line is a ratio of the response there, which is `noise`, or
+    # estimated. The weights are first those of the measured values, then of the model's at the estimate:
+    # those of measured values favour lines where the noise is against the response.
     proportional: bool = False
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # warnings of how they were read
 
     def __post_init__(self) -> None:
         omega = np.atleast_1d(np.array(self.omega, dtype=float))

@@ -22,44 +22,22 @@ from dynid.structure.ports import Channel
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """A measurement: channels, sampling, and the source of the values.
+    """A measurement: channels, sampling, and the source of the values."""
 
-    Parameters
-    ----------
-    step
-        Sampling step, s.
-    samples
-        Number of samples.
-    channels
-        Measured quantities.
-    source
-        Measured values (samples x channels, SI units, NaN where a sample is missing), or how to simulate
-        them.
-    noise
-        Given standard deviation of the noise, in the channel's unit: one number, or one a channel, NaN where
-        it is unknown. Absent: it is estimated from the residuals, white; or coloured noise, also estimated.
-    start
-        Time of the first measured sample on the clock of the loads, s.
-    prepared
-        The steps by which the samples were prepared; see `preparation.prepare`.
-    passed
-        Part of the power of white noise that these steps pass.
-    clock
-        Figures of the clock by the time stamps of the file, by name, if there are any.
-    notes
-        Warnings of how the record was read.
-    """
-
-    step: float
-    samples: int
-    channels: tuple[Any, ...]
+    step: float  # sampling step, s
+    samples: int  # number of samples
+    channels: tuple[Any, ...]  # measured quantities
+    # Measured values (samples x channels, SI units, NaN where a sample is missing), or how to simulate them.
     source: Simulation | ArrayLike = field(default_factory=Simulation)
+    # Given standard deviation of the noise, in the channel's unit: one number, or one a channel, NaN where it
+    # is unknown. Absent: it is estimated from the residuals, white; or coloured noise, also estimated.
     noise: float | Sequence[float] | ColouredNoise | None = None
-    start: float = 0.0
-    prepared: tuple[str, ...] = ()
-    passed: float = 1.0
+    start: float = 0.0  # time of the first measured sample on the clock of the loads, s
+    prepared: tuple[str, ...] = ()  # the steps by which the samples were prepared; see `preparation.prepare`
+    passed: float = 1.0  # part of the power of white noise that these steps pass
+    # Figures of the clock by the time stamps of the file, by name, if there are any.
     clock: Mapping[str, float] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # warnings of how the record was read
 
     def __post_init__(self) -> None:
         channels = tuple(

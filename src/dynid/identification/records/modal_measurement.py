@@ -38,38 +38,23 @@ NO_ERROR = Scatter(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class ModalMeasurement:
-    """Modes of a structure, as a modal survey gives them.
+    """Modes of a structure, as a modal survey gives them."""
 
-    Parameters
-    ----------
-    omega
-        Natural frequencies (r), rad/s.
-    dofs
-        DOFs of the sensors (s); none without shapes.
-    shape
-        Mode shapes at the sensors (s x r), real or complex, each of any scale; NaN where a sensor is missing.
-    damping
-        Damping ratios (r), NaN where one is missing.
-    omega_std, damping_std, shape_std
-        Standard deviations, each as its values, in their units; NaN where none is given.
-    floors
-        Least scatter where one is given; absent: `FLOORS`. Where none is given, `USUAL` counts.
-    model_error
-        Errors of the model's form, relative as `Scatter`, which add to the scatter.
-    unit
-        Unit of the frequencies in results: rad/s or Hz.
-    """
-
-    omega: Array
-    dofs: tuple[Label, ...] = ()
+    omega: Array  # natural frequencies (r), rad/s
+    dofs: tuple[Label, ...] = ()  # dOFs of the sensors (s); none without shapes
+    # Mode shapes at the sensors (s x r), real or complex, each of any scale; NaN where a sensor is missing.
     shape: NDArray[Any] | None = None
-    damping: Array | None = None
+    damping: Array | None = None  # damping ratios (r), NaN where one is missing
+    # `omega_std`, `damping_std`, `shape_std`: standard deviations, each as its values, in their units; NaN
+    # where none is given
     omega_std: Array | None = None
     damping_std: Array | None = None
     shape_std: Array | None = None
+    # Least scatter where one is given; absent: `FLOORS`. Where none is given, `USUAL` counts.
     floors: Scatter = FLOORS
+    # Errors of the model's form, relative as `Scatter`, which add to the scatter.
     model_error: Scatter = NO_ERROR
-    unit: str = "rad/s"
+    unit: str = "rad/s"  # unit of the frequencies in results: rad/s or Hz
 
     def __post_init__(self) -> None:
         r, s = len(self.omega), len(self.dofs)

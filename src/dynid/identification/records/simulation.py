@@ -20,37 +20,24 @@ from dynid.structure.matrices import Label
 
 @dataclass(frozen=True)
 class Simulation:
-    """Settings of a simulated record.
+    """Settings of a simulated record."""
 
-    Parameters
-    ----------
-    noise_ratio
-        Standard deviation of the added white noise over the channel's RMS (Yang, eq 23); 0: clean. One
-        number, or one a channel.
-    seed
-        Seed of the noise (PCG64).
-    settle
-        Time from t = 0 to the first sample, s.
-    noise
-        Standard deviation of the noise instead of the ratio, in the channel's unit; one number, or one a
-        channel.
-    noise_colour
-        Coefficients a_1, a_2, … of an autoregressive noise ``x_t = a_1 x_(t-1) + a_2 x_(t-2) + … + e_t``,
-        stationary from the first sample on, the same in all channels; its standard deviation is that of
-        `noise_ratio` or `noise`. Absent: white.
-    noise_by_line
-        True: the noise of a frequency response is in proportion to its magnitude, line by line.
-    displacement, velocity
-        Initial displacement, m, and velocity, m/s, by DOF; absent: at rest.
-    """
-
+    # Standard deviation of the added white noise over the channel's RMS (Yang, eq 23); 0: clean. One number,
+    # or one a channel.
     noise_ratio: float | Sequence[float] = 0.0
-    seed: int = 0
-    settle: float = 0.0
+    seed: int = 0  # seed of the noise (PCG64)
+    settle: float = 0.0  # time from t = 0 to the first sample, s
+    # Standard deviation of the noise instead of the ratio, in the channel's unit; one number, or one a
+    # channel.
     noise: float | Sequence[float] | None = None
+    # `displacement`, `velocity`: initial displacement, m, and velocity, m/s, by DOF; absent: at rest
     displacement: Mapping[Label, float] = field(default_factory=dict)
     velocity: Mapping[Label, float] = field(default_factory=dict)
+    # Coefficients a_1, a_2, … of an autoregressive noise ``x_t = a_1 x_(t-1) + a_2 x_(t-2) + … + e_t``,
+    # stationary from the first sample on, the same in all channels; its standard deviation is that of
+    # `noise_ratio` or `noise`. Absent: white.
     noise_colour: Sequence[float] = ()
+    # True: the noise of a frequency response is in proportion to its magnitude, line by line.
     noise_by_line: bool = False
 
     def __post_init__(self) -> None:

@@ -307,21 +307,8 @@ def triangles(
 ) -> tuple[Array, NDArray[np.int64]]:
     """Return the triangular factors of derivatives and residuals side by side, over the channels' RMS.
 
-    Blocks of rows are reflected into the triangle of those before them (Householder).
-
-    Parameters
-    ----------
-    by_state, by_parameter
-        Derivatives (times x channels x n, x p).
-    residual
-        Residuals (times x channels), NaN where missing.
-    rms
-        What each channel is divided by (channels).
-
-    Returns
-    -------
-    tuple
-        The factors (channels x n + p + 1 x n + p + 1), and how many residuals there are (channels).
+    Blocks of rows are reflected into the triangle of those before them (Householder): channels x n + p + 1 x
+    n + p + 1, and how many residuals there are (channels).
     """
     samples, channels, n = by_state.shape
     p = by_parameter.shape[2]

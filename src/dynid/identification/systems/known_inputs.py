@@ -16,9 +16,9 @@ import numpy as np
 from dynid.arithmetic.dependent import Real
 from dynid.arrays import Array
 from dynid.errors import UsageError
-from dynid.identification.systems.instruments import Instruments
+from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.lti.signals import Derivative, Sampled, Shifted, Signal
-from dynid.parameters import Parameter, named
+from dynid.parameters import named, rates
 
 # Part of a sampling step by which a sample may lie outside and still count as known: round-off of times.
 _SAMPLE_TIME_TOL = 1e-6
@@ -43,23 +43,14 @@ NONE_LEFT_OUT = KnownSamples()
 
 
 def known_samples(
-    signals: Sequence[Signal],
-    instruments: Instruments,
-    unknowns: Sequence[Parameter],
-    times: Array,
-    eta: Array,
-    reach: Array,
-    *,
-    at_rest_before: bool,
+    model: ParametricModel, times: Array, eta: Array, reach: Array, *, at_rest_before: bool
 ) -> KnownSamples:
-    """Return how many samples to leave out, so that every input is known at the others.
+    """Return how many of the samples at these times to leave out: not every input is known there.
 
-    `signals`: inputs, without the delays of the loads; `instruments`: the delays of loads and channels.
-    `unknowns`: the unknown parameters (p); `times`: sampling times, s. `eta`, `reach`: coordinates of the
-    parameters, and how far these may be off (p); `at_rest_before`: True of simulated records, which follow
-    the model from t = 0 on. Raises UsageError if hardly a sample is left.
+    `eta`, `reach`: coordinates of the parameters, and how far these may be off (p). `at_rest_before`: of
+    simulated records, which follow the model from t = 0 on. Raises UsageError if hardly a sample is left.
     """
-    nearest = _left_out(signals, instruments, unknowns, times, (eta, 0.0 * reach), at_rest_before)
+    nearest = _left_out(model, times, eta, 0.0 * reach, at_rest_before)
     if sum(nearest) > len(times) - _MIN_SAMPLES:
         raise UsageError(
             f"the delays leave {max(0, len(times) - sum(nearest))} of {len(times)} samples at which every "
@@ -69,7 +60,7 @@ def known_samples(
         )
     if not reach.any():
         return nearest
-    farthest = _left_out(signals, instruments, unknowns, times, (eta, reach), at_rest_before)
+    farthest = _left_out(model, times, eta, reach, at_rest_before)
     max_count = int(_MAX_SEARCHED_SHARE * len(times))
     return KnownSamples(
         min(farthest.before, nearest.before + max_count), min(farthest.after, nearest.after + max_count)
@@ -77,18 +68,13 @@ def known_samples(
 
 
 def _left_out(
-    signals: Sequence[Signal],
-    instruments: Instruments,
-    unknowns: Sequence[Parameter],
-    times: Array,
-    around: tuple[Array, Array],
-    at_rest_before: bool,
+    model: ParametricModel, times: Array, eta: Array, reach: Array, at_rest_before: bool
 ) -> KnownSamples:
     """Return the samples left out for delays within a range of the coordinates (centre and reach, p)."""
-    loads_low, loads_high = _range(instruments, instruments.load_delays, unknowns, *around)
-    low, high = _range(instruments, instruments.delays, unknowns, *around)
+    loads_low, loads_high = _range(model, model.instruments.load_delays, eta, reach)
+    low, high = _range(model, model.instruments.delays, eta, reach)
     begin, end = (0.0 if at_rest_before else -math.inf), math.inf
-    for signal, earliest, latest in zip(signals, loads_low, loads_high, strict=True):
+    for signal, earliest, latest in zip(model.signals, loads_low, loads_high, strict=True):
         first, last = _span(signal)
         begin, end = max(begin, first + latest), min(end, last + earliest)
     rounding = _SAMPLE_TIME_TOL * float(np.min(np.diff(times), initial=1.0))
@@ -97,11 +83,10 @@ def _left_out(
     return KnownSamples(int(np.count_nonzero(before)), int(np.count_nonzero(after)))
 
 
-def _range(
-    instruments: Instruments, delays: Sequence[Real], unknowns: Sequence[Parameter], eta: Array, reach: Array
-) -> tuple[Array, Array]:
+def _range(model: ParametricModel, delays: Sequence[Real], eta: Array, reach: Array) -> tuple[Array, Array]:
     """Return the least and greatest values of delays where coordinates are within their limits and reach."""
-    value, slopes = instruments.numbers(delays, named(unknowns, eta))
+    unknowns = model.unknowns
+    (value, slopes), rate = model.instruments.numbers(delays, named(unknowns, eta)), rates(unknowns, eta)
     ends = []
     for side in (-1.0, 1.0):
         limits = [unknown.low if side < 0 else unknown.high for unknown in unknowns]
@@ -110,10 +95,6 @@ def _range(
             if limit is None
             else side * max(0.0, min(far, side * (unknown.coordinate(limit) - at)))
             for unknown, limit, at, far in zip(unknowns, limits, eta.tolist(), reach.tolist(), strict=True)
-        ]
-        rate = [
-            unknown.value(at) if unknown.logarithmic else 1.0
-            for unknown, at in zip(unknowns, eta, strict=True)
         ]
         ends.append((np.array(moved) * rate)[:, None] * slopes)
     return value + np.minimum(*ends).sum(axis=0), value + np.maximum(*ends).sum(axis=0)
@@ -127,13 +108,3 @@ def _span(signal: Signal) -> tuple[float, float]:
         first, last = _span(signal.signal)
         return first + signal.delay, last + signal.delay
     return (signal.start, signal.stop) if isinstance(signal, Sampled) else (0.0, math.inf)
-
-
-def continued(signal: Signal, times: Array) -> Signal:
-    """Return a signal that keeps its first and last sample before and after them, where times need that.
-
-    A search of delays passes through values at which a few samples of a record do.
-    """
-    if not isinstance(signal, Sampled):
-        return signal
-    return signal if signal.start <= times[0] and times[-1] <= signal.stop else Shifted(signal, 0.0)

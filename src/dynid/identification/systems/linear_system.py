@@ -32,20 +32,14 @@ class StateVariable(NamedTuple):
 
 
 class Affine(NamedTuple):
-    """Matrices that are affine in the values of the parameters: A and C alone depend on them.
+    """Matrices that are affine in the values of the parameters: A and C alone depend on them."""
 
-    Attributes
-    ----------
-    A, B, C, D
-        As of `Matrices`, with every parameter at zero.
-    A_slopes, C_slopes
-        Constant derivatives by the values.
-    """
-
+    # `A`, `B`, `C`, `D`: as of `Matrices`, with every parameter at zero
     A: Array
     B: Array
     C: Array
     D: Array
+    # `A_slopes`, `C_slopes`: constant derivatives by the values
     A_slopes: Array
     C_slopes: Array
 
@@ -65,27 +59,13 @@ class Affine(NamedTuple):
 
 
 class LinearSystem(ABC):
-    """A model with the loads and channels of one record.
+    """A model with the loads and channels of one record."""
 
-    Attributes
-    ----------
-    unknowns
-        The unknown parameters (p).
-    states
-        The states (n).
-    signals
-        The acting inputs, one a load.
-    considered
-        The parameters that are known with uncertainty.
-    evaluations
-        How often frequency responses were computed.
-    """
-
-    unknowns: tuple[Parameter, ...]
-    considered: tuple[Parameter, ...] = ()
-    states: tuple[StateVariable, ...]
-    signals: list[Signal]
-    evaluations: int = 0
+    unknowns: tuple[Parameter, ...]  # the unknown parameters (p)
+    considered: tuple[Parameter, ...] = ()  # the parameters that are known with uncertainty
+    states: tuple[StateVariable, ...]  # the states (n)
+    signals: list[Signal]  # the acting inputs, one a load
+    evaluations: int = 0  # how often frequency responses were computed
 
     @abstractmethod
     def at(self, values: Mapping[str, float]) -> Matrices:

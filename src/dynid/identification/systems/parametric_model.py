@@ -20,12 +20,11 @@ from dynid.arithmetic.dependent import Dependent
 from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.systems.instruments import Instruments, RecordSampling
-from dynid.identification.systems.known_inputs import KnownSamples, continued, known_samples
 from dynid.identification.systems.known_parts import with_known_parts
 from dynid.identification.systems.linear_system import Affine, LinearSystem, StateVariable, SystemModel
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti.exponential import balance, exponential, exponential_with_derivatives, rescaled
-from dynid.lti.signals import Derivative, Sampled, Signal
+from dynid.lti.signals import Derivative, Sampled, Shifted, Signal
 from dynid.lti.state_space import Matrices
 from dynid.lti.time_response import check_phase, drive_scale, joint_generator
 from dynid.lti.timeline import Timeline, timeline
@@ -236,15 +235,6 @@ class ParametricModel:
             self._moved[key] = self._on(*_timeline(self.system, self.instruments, self.times, at))
         return self._moved[key]
 
-    def known_samples(self, times: Array, eta: Array, reach: Array, *, simulated: bool) -> KnownSamples:
-        """Return how many of these samples of the record to leave out: not every input is known there.
-
-        Coordinates are `eta`, and may be off by `reach` (p).
-        """
-        return known_samples(
-            self.signals, self.instruments, self.unknowns, times, eta, reach, at_rest_before=simulated
-        )
-
     def at_times(self, times: Array) -> ParametricModel:
         """Return the model of other samples of the record, at these times, s."""
         at = {unknown.name: unknown.start for unknown in self.unknowns}
@@ -450,7 +440,15 @@ def _timeline(
     )
     signals = instruments.acting(system_signals, values)
     if sampling is not None:
-        signals = [continued(signal, evaluated_times) for signal in signals]
+        # A search of delays passes through values at which samples lie outside of a signal's: it keeps its
+        # first and last sample before and after them.
+        first, last = evaluated_times[[0, -1]]
+        signals = [
+            Shifted(signal, 0.0)
+            if isinstance(signal, Sampled) and not (signal.start <= first and last <= signal.stop)
+            else signal
+            for signal in signals
+        ]
     return timeline(signals, evaluated_times, float(evaluated_times[0])), sampling
 
 

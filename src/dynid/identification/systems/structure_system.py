@@ -20,7 +20,7 @@ from dynid.lti.frequency_response import second_order_response
 from dynid.lti.state_space import Matrices
 from dynid.number_format import frequency_text
 from dynid.structure.dynamic_condensation import ActiveCoordinates, CondensedLines, condensed_lines
-from dynid.structure.excitation import Excitation, base_slopes, drive, prescribed_state, signals_of
+from dynid.structure.excitation import base_slopes, drive, prescribed_state, signals_of
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.ports import Channel, Load
@@ -52,10 +52,6 @@ class StructureSystem(LinearSystem):
         self._lines: tuple[Any, CondensedLines | None] | None = None
         self._last: tuple[Any, tuple[ComplexArray, ComplexArray]] | None = None
 
-    def _at(self, values: Mapping[str, float]) -> Excitation:
-        """Return directions and rows; the force by which a moving ground acts depends on the masses."""
-        return drive(self.model, self.loads, self.channels, values) if self._shaken else self._driven
-
     def check(self) -> None:
         """Refuse a structure in which a motion has no mass: its displacements are no states.
 
@@ -72,7 +68,9 @@ class StructureSystem(LinearSystem):
 
     def at(self, values: Mapping[str, float]) -> Matrices:
         """Return the matrices; of M a = f - C v - K x the derivative is M da = df - dC v - dK x - dM a."""
-        driven, n = self._at(values), self.model.size
+        driven, n = self._driven, self.model.size
+        if self._shaken:  # the force by which a moving ground acts depends on the masses
+            driven = drive(self.model, self.loads, self.channels, values)
         M, C, K = self.model.dense(values)
         system = driven.system(M, C, K)
         mass = driven.mass(M)
