@@ -151,7 +151,12 @@ def posterior_check(posterior: Posterior) -> PosteriorCheck:
             break
         used = student
     theta = values(likelihood.unknowns, used.eta)
-    low, high = (_quantiles(theta, used.weight, level) for level in (_INTERVAL_TAIL, 1 - _INTERVAL_TAIL))
+    ends = []
+    for column in theta.T:  # weighted quantiles
+        order = np.argsort(column)
+        cumulated = np.cumsum(used.weight[order]) - used.weight[order] / 2
+        ends.append(np.interp([_INTERVAL_TAIL, 1 - _INTERVAL_TAIL], cumulated, column[order]))
+    low, high = np.transpose(ends)
     reason = _no_evidence(likelihood)
     evidence = None
     if not reason:
@@ -273,15 +278,6 @@ def _state_strength(record: RecordLikelihood, fit: RecordFit, noise: Array, rank
         return np.zeros(0)
     s = thin_svd(record.by_start(fit, noise))[1]
     return s[s > STATE_RANK * s.max(initial=0.0)] if rank is None else s[:rank]
-
-
-def _quantiles(theta: Array, weight: Array, level: float) -> Array:
-    """Return weighted quantiles of samples (samples x p)."""
-    quantiles = []
-    for column in theta.T:
-        order = np.argsort(column)
-        quantiles.append(np.interp(level, np.cumsum(weight[order]) - weight[order] / 2, column[order]))
-    return np.array(quantiles)
 
 
 def _no_evidence(likelihood: Likelihood) -> str:

@@ -21,7 +21,7 @@ record.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -169,29 +169,13 @@ def filter_pass(
         measured, weight = sampling.spread(measured), np.nan_to_num(sampling.spread(weight), nan=1.0)
     samples = len(measured)
     z, S = np.concatenate([prior.state, prior.eta]), prior.root.copy()
-    eta, deviations, states, bands = (np.empty((samples, size)) for size in (p, p, n, n))
-    history = _History(eta, deviations, states, bands, np.full(measured.shape, np.nan))
+    sizes = {"eta": p, "deviations": p, "states": n, "state_deviations": n}
+    history = {name: np.empty((samples, size)) for name, size in sizes.items()}
+    innovations = np.full(measured.shape, np.nan)
     run = _walk_compiled if compiled() and not model.instruments.unknown_delays else _walk
-    root = run(model, measured, weight, z, S, origin, history, fraction)
-    return Pass(
-        eta=model.own(eta),
-        deviations=model.own(deviations),
-        states=model.own(states),
-        state_deviations=model.own(bands),
-        root=root[n:],
-        innovations=model.gathered(history.innovations),
-        whole=root,
-    )
-
-
-class _History(NamedTuple):
-    """Arrays that a pass of the kernel fills in, as in `Pass`."""
-
-    eta: Array
-    deviations: Array
-    states: Array
-    state_deviations: Array
-    innovations: Array
+    root = run(model, measured, weight, z, S, origin, history | {"innovations": innovations}, fraction)
+    rows = {name: model.own(array) for name, array in history.items()}
+    return Pass(**rows, root=root[n:], innovations=model.gathered(innovations), whole=root)
 
 
 def _walk(
@@ -201,12 +185,13 @@ def _walk(
     z: Array,
     S: Array,
     origin: Array,
-    history: _History,
+    history: Mapping[str, Array],
     fraction: float,
 ) -> Array:
     """Filter the record, from state and root before the first sample; return the last root."""
+    # The arrays of `history`, as in `Pass`, are filled in.
     n = model.states
-    eta, deviations, states, bands, innovations = history
+    eta, deviations, states, bands, innovations = history.values()
     present = [np.flatnonzero(row).tolist() for row in ~np.isnan(measured)]
     vary = bool(model.output(z[n:])[1].any()) or model.affine is None
     expected = measured if vary else measured - model.direct(z[n:]).value
@@ -248,7 +233,7 @@ def _walk_compiled(
     z: Array,
     S: Array,
     origin: Array,
-    history: _History,
+    history: Mapping[str, Array],
     fraction: float,
 ) -> Array:
     """Filter the record by the kernel; steps for which its series does not converge are computed here."""
@@ -259,7 +244,7 @@ def _walk_compiled(
     record = kernels.record(
         measured, weight, origin, (fraction, _max_changes(model), _run_away_limits(model.unknowns))
     )
-    filled = structure(**history._asdict())
+    filled = structure(**history)
     outputs, about, node = kernels.outputs(model, at.eta), at.eta.copy(), 0
     while node < nodes:
         read = kernels.tables(model), at.members, outputs, record

@@ -63,16 +63,8 @@ _MIN_RECORD_EVALUATIONS = 256
 #: Rows of a history, at the most.
 MAX_STORED_ROWS = 100_000
 
+# Regressors of the forces of models, of which there may be so many.
 _FORCED: WeakKeyDictionary[ParametricModel, dict[int, ForcedRegressors]] = WeakKeyDictionary()
-
-
-def _forced(model: ParametricModel, max_count: int) -> ForcedRegressors:
-    """Return the regressors of a model's forces, of which there may be so many; made once."""
-    by_count = _FORCED.setdefault(model, {})
-    if max_count not in by_count:
-        inputs = [model.inputs(order) for order in (0, 1)]
-        by_count[max_count] = forced_regressors(model.signals, inputs, model.times, max_count)
-    return by_count[max_count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,9 +393,11 @@ class TimeRecord(RecordLikelihood):
         predicted = self.predicted(fit)
         times, white = self.model.times, self.data.passed == 1
         max_count = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
-        shared = regressors_in_time(
-            _forced(self.model, max_count), self.model.poles(fit.eta), times, max_count
-        )
+        forced = _FORCED.setdefault(self.model, {})
+        if max_count not in forced:
+            inputs = [self.model.inputs(order) for order in (0, 1)]
+            forced[max_count] = forced_regressors(self.model.signals, inputs, times, max_count)
+        shared = regressors_in_time(forced[max_count], self.model.poles(fit.eta), times, max_count)
         coordinates = []
         for c, rms in enumerate(self.data.rms):
             there = ~np.isnan(fit.residual[:, c])

@@ -80,7 +80,7 @@ from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.diagnosis.verdict import CONTRADICTED, verdict, warnings
 from dynid.identification.estimators.filter import Pass
 from dynid.identification.likelihood.frf_record import FrfRecord
-from dynid.identification.likelihood.record_likelihood import RecordFit
+from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.likelihood.time_record import TimeRecord, state_deviations, stored_rows
 from dynid.identification.residual_tests import (
     autocorrelation,
@@ -492,15 +492,10 @@ def _add_components(result: Result, group: str, model: ParametricModel) -> None:
 
 def _add_measurement(result: Result, group: str, record: TimeRecord, fit: RecordFit) -> None:
     """Add a record as measured and as predicted, and its excitation."""
-    dims, data = ("time", "channel"), record.data
-    loads, measurement = record.conditions
-    units = [channel.unit for channel in measurement.channels]
-    unit = common_unit(units)
+    data, (loads, measurement) = record.data, record.conditions
     result.add_axis(f"{group}/time", record.times, "s")
     result.add(f"{group}/samples_left_out", sum(record.left_out))
-    result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
-    result.add(f"{group}/unit", units, ("channel",))
-    result.add_all(group, dims, unit, measured=data.recorded, predicted=fit.predicted.outputs)
+    unit = _add_values(result, group, record, "time", data.recorded, fit.predicted.outputs)
     result.add_axis(f"{group}/excitation", source_names(loads))
     inputs = inputs_of(loads, record.model.times, record.model.inputs())
     units_in = [load.unit for load in loads]
@@ -517,6 +512,18 @@ def _add_measurement(result: Result, group: str, record: TimeRecord, fit: Record
         result.add(f"{group}/given_noise", data.given_noise, ("channel",), unit)
 
 
+def _add_values(
+    result: Result, group: str, record: RecordLikelihood, axis: str, measured: Any, predicted: Any
+) -> str:
+    """Add measured and predicted values of the channels, and return their common unit."""
+    units = [channel.unit for channel in record.channels]
+    result.add_axis(f"{group}/channel", [channel.name for channel in record.channels])
+    result.add(f"{group}/unit", units, ("channel",))
+    unit = common_unit(units)
+    result.add_all(group, (axis, "channel"), unit, measured=measured, predicted=predicted)
+    return unit
+
+
 def _add_stored_times(result: Result, group: str, record: TimeRecord) -> None:
     """Add the times of a history, and annotate it where not every sample is stored."""
     samples = len(record.times)
@@ -529,13 +536,10 @@ def _add_stored_times(result: Result, group: str, record: TimeRecord) -> None:
 def _add_responses(result: Result, record: FrfRecord, fit: RecordFit) -> None:
     """Add frequency response functions as measured and as predicted."""
     group, dims, measurement = "identification/measurement", ("omega", "channel"), record.measurement
-    units = [channel.unit for channel in measurement.channels]
-    unit = common_unit(units)
     result.add_axis(f"{group}/omega", measurement.omega, "rad/s")
-    result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
     measured, predicted = map(record.responses, (record.data.recorded, fit.predicted.outputs))
-    result.add_all(group, dims, unit, measured=measured, predicted=predicted)
-    result.add_all(group, ("channel",), unit=units, frac=frac(measured, predicted))
+    unit = _add_values(result, group, record, "omega", measured, predicted)
+    result.add(f"{group}/frac", frac(measured, predicted), ("channel",))
     if result.wants(f"{group}/frac_start"):
         begun = record.responses(record.fit(starts(record.unknowns), record.data.values).predicted.outputs)
         result.add(f"{group}/frac_start", frac(measured, begun), ("channel",))

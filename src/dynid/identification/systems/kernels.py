@@ -116,7 +116,9 @@ def _forcing(model: ParametricModel, affine: Affine) -> tuple[Array, Array]:
     # Of every length, its half, its quarter …: lengths x 1 + halvings x degrees x n/2 x q, and … x q x q.
     line = model.line
     drive = (affine.B @ (line.H * model.acting[:, None]) * model.w_scale)[model.states // 2 :]
-    degrees, identity = _degree(MAX_SERIES_NORM) + 1, np.eye(len(line.G))
+    # Degree of the Taylor polynomial of exp for a matrix of this norm, as in `native/steps.h`.
+    terms = np.cumprod(np.append(MAX_SERIES_NORM, MAX_SERIES_NORM / np.arange(2, 100)))
+    degrees, identity = int(np.argmax(terms <= 1e-15)) + 1, np.eye(len(line.G))
     parts = min(1 + MAX_HALVINGS, int(FORCING_TABLE.value / max(1, len(line.lengths) * degrees * drive.size)))
     if not parts:
         return np.empty((0, 1, degrees, *drive.shape)), np.empty(0)
@@ -129,15 +131,6 @@ def _forcing(model: ParametricModel, affine: Affine) -> tuple[Array, Array]:
             E = identity + line.G @ E * (h / (k + 1))
         turned[length, halving] = E
     return forcing, turned
-
-
-def _degree(norm: float) -> int:
-    """Return the degree of the Taylor polynomial of exp for a matrix of this norm, as in `native/steps.h`."""
-    degree, term = 1, norm * norm / 2
-    while term > 1e-15:
-        degree += 1
-        term *= norm / (degree + 1)
-    return degree
 
 
 def linear(model: ParametricModel, eta: Array) -> Linear:
