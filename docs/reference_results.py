@@ -18,6 +18,7 @@ import yaml
 import dynid
 from dynid.cli import cli
 from dynid.scene.kinds.planning import run_plan
+from dynid.scene.kinds.result_layout import pattern_of
 
 if TYPE_CHECKING:
     from dynid.result import Result, Variable
@@ -47,26 +48,13 @@ def _studied(scene: Path, overrides: list[str]) -> Result:
         return dynid.open_result(file)
 
 
-def _general(path: str, result: Result) -> str:
-    """Return a path with the scene's own names replaced by placeholders."""
-    channels = [group.split("/")[2:] for group in result.group_attrs if "transfer_function/" in group]
-    for output, given in channels:
-        path = path.replace(f"/{output}/{given}", "/<output>/<input>").replace(f"/{output}", "/<output>")
-        path = re.sub(rf"/{re.escape(given)}(?=/|$)", "/<input>", path)
-    path = re.sub(
-        r"^(identification/derived/(?:zeros|gains|frequency_response))/[^/]+/[^/]+/",
-        r"\1/<output>/<input>/",
-        path,
-    )
-    if "reduction/method" in result:
-        for method in result["reduction/method"].data:
-            path = re.sub(rf"^reduction/{re.escape(method)}/", "reduction/<method>/", path)
-    if "synthesis/form" in result:
-        for form in result["synthesis/form"].data:
-            path = re.sub(rf"^synthesis/{re.escape(form)}/", "synthesis/<form>/", path)
-    path = re.sub(r"/port/(source|load)/[efYZ]_eq(/.*)?/(?=[^/]+$)", "/port/<side>/<equivalent>/", path)
-    path = re.sub(r"^study/(results|statistics)/.*/(?=[^/]+$)", r"study/\1/<path>/", path)
-    return re.sub(r"^[a-z_]+/need/", "<kind>/need/", path)
+def _general(path: str) -> str:
+    """Return a path with the scene's own names replaced by placeholders, those of the layout of results."""
+    group, _, name = path.rpartition("/")
+    group = "/".join(pattern_of(tuple(group.split("/"))) or (group,))
+    group = re.sub(r"/port/(source|load)/[efYZ]_eq(/.*)?$", "/port/<side>/<equivalent>", group)
+    group = re.sub(r"^study/(results|statistics)/.*", r"study/\1/<path>", group)
+    return f"{re.sub('^[a-z_]+/need$', '<kind>/need', group)}/{name}"
 
 
 def _type(variable: Variable) -> str:
@@ -81,7 +69,7 @@ def layout(runs: str, root: Path) -> str:
     for result in _results(runs, root):
         for path, variable in result.items():
             axes = " × ".join(variable.dims)
-            found.setdefault(_general(path, result), (axes, _type(variable), variable.units))
+            found.setdefault(_general(path), (axes, _type(variable), variable.units))
     groups = dict.fromkeys(path.rpartition("/")[0] for path in found)
     unknown = [group for group in groups if group not in _SENTENCES]
     if unknown:

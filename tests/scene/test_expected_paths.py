@@ -406,7 +406,7 @@ def test_groups_and_labels_are_refused_where_the_run_has_none(name):
     absent = [
         f"{group}/{names.split()[0]}"
         for group, names in LAYOUT.items()
-        if names and "*" not in group and group not in present | OF_DATA
+        if names and "<" not in group and group not in present | OF_DATA
         if not (group.startswith(DERIVED) and getattr(scene.model, "derived", None) is None and unrequested)
     ]
     absent += _of_other_channels(result)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +11,8 @@ import numpy as np
 
 from dynid.bondgraph.graph import SOURCES, STORAGES
 from dynid.errors import DynidError
-from dynid.scene.kinds.expected_requests import analysis_of, structure_in
 from dynid.scene.kinds.parameters import quantities, unknown_parameters
-from dynid.scene.kinds.result_layout import OF_RECORDS, RECORD, names_in
+from dynid.scene.kinds.result_layout import OF_RECORDS, RECORD, Parts, names_in
 from dynid.scene.schema.reduction import max_size, result_names
 from dynid.suggestions import did_you_mean, shortened
 
@@ -22,7 +21,9 @@ if TYPE_CHECKING:
 
     from dynid.identification.records.measurement import Measurement
     from dynid.scene.load import Scene
+    from dynid.scene.schema.bond_graph import AnalysisModel, BondGraphScene
     from dynid.scene.schema.identification import IdentificationScene
+    from dynid.structure.model import StructuralModel
 
 #: What separates the words of names of channels and DOFs, and the words that a scene need not write.
 _WORD = re.compile(r"[^\w]+")
@@ -42,6 +43,13 @@ _WITH_ROOTS = frozenset(
     {"transfer_function", "properties", "energy", "sensitivities", "port", "reduction", "root_locus"}
 )
 _ROOT_AXES = frozenset({"mode", "pole", "zero", "natural_mode", "hidden_mode", "branch"})
+#: Axes of groups whose labels are those of the channels and loops of the graph.
+_CHANNEL_AXES = {
+    **dict.fromkeys(("margins", "sensitivity_functions"), ("loop",)),
+    **dict.fromkeys(("frequency_response", "frequency_peaks"), ("output", "input")),
+    "reduction": ("output",),
+    "time_response": ("output", "source"),
+}
 #: Groups of identifications of which not every time is stored.
 _HISTORIES = frozenset({"history", "first_pass", "states"})
 #: Groups of identifications whose axis `parameter` is that of the unknown ones.
@@ -50,6 +58,7 @@ _OF_PARAMETERS = frozenset(
 )
 #: Relative difference within which expectations select a number on an axis (`dynid.checks.comparison.RTOL`).
 _LABEL_RTOL = 1e-9
+_FRF = ("reduction", "frf")
 #: Dimensions without a coordinate.
 _UNLABELLED = frozenset({"line", "master", "basis_mode", "end"})
 
@@ -82,16 +91,61 @@ def _words(data: Any) -> set[str]:
     return words
 
 
-def method_names(scene: Scene, parts: tuple[str, ...]) -> list[str]:
+def analysis_of(scene: Scene) -> AnalysisModel | None:
+    """Return the analysis of the graph of a scene, if it has one."""
+    model: BondGraphScene | IdentificationScene = scene.model
+    return model.analysis if model.kind == "bond-graph" else model.graph_analysis
+
+
+@lru_cache(maxsize=1)
+def structure_in(scene: Scene) -> StructuralModel:
+    """Return the structure of a reduction or of an identification, or raise the error of its building."""
+    if scene.kind == "reduction":
+        from dynid.scene.kinds.structures import build_structure
+
+        return build_structure(scene, scene.model.structure, scene.model.joints)
+    from dynid.scene.kinds.identification import structure_of
+
+    return structure_of(scene)
+
+
+def method_names(scene: Scene, parts: Parts) -> list[str]:
     """Return the names of the reductions of a scene, which are arrays in `reduction/frf`."""
-    if parts[:2] != ("reduction", "frf"):
+    if parts[:2] != _FRF:
         return []
     return result_names([reduction.method for reduction in scene.model.reduction])
 
 
-def problem_of_label(
-    scene: Scene, parts: tuple[str, ...], dim: str, label: str | float, *, certain: bool
-) -> str:
+def names_at(scene: Scene, placeholder: str, parts: Parts) -> list[str] | None:
+    """Return the names that a scene has for a part of a path; None where the run alone says them."""
+    if placeholder == "<method>":
+        return [*method_names(scene, _FRF), "frf", "need"]
+    if placeholder == "<form>":
+        from dynid.bondgraph.synthesis.forms import FORMS
+
+        return [*(scene.model.forms or FORMS), "need"]
+    if placeholder == "<loop>":
+        return [f"loop_{number}" for number in range(1, len(scene.model.control.loops) + 1)]
+    if placeholder not in ("<output>", "<input>"):
+        return None
+    if parts[0] == "bond_graph":
+        return _labels_of_graph(scene).get(placeholder.strip("<>"))
+    pairs = []
+    try:
+        for record in _records(scene):
+            if isinstance(record, tuple):
+                loads, measurement = record
+                pairs += [(channel.name, load.name) for channel in measurement.channels for load in loads]
+            else:
+                pairs += [(function.channel.name, str(function.force)) for function in record.channels]
+    except DynidError:  # which the preparation of the run reports
+        return None
+    if placeholder == "<output>":
+        return list(dict.fromkeys(output for output, _ in pairs))
+    return list(dict.fromkeys(name for output, name in pairs if output == parts[3]))
+
+
+def problem_of_label(scene: Scene, parts: Parts, dim: str, label: str | float, *, certain: bool) -> str:
     """Return the reason why an array has no dimension of a name, or none with a label; empty where it may."""
     groups = [names for k in range(1, len(parts)) if (names := names_in(parts[:k])) is not None]
     dims = frozenset().union(*groups)
@@ -107,7 +161,7 @@ def problem_of_label(
         return ""
 
 
-def _problem_in_scene(scene: Scene, parts: tuple[str, ...], dim: str, label: str | float) -> str:
+def _problem_in_scene(scene: Scene, parts: Parts, dim: str, label: str | float) -> str:
     """Return the reason why a dimension has no such label in a scene."""
     if dim in _NUMBERED:
         count = _max_count(scene, parts, dim)
@@ -122,29 +176,20 @@ def _problem_in_scene(scene: Scene, parts: tuple[str, ...], dim: str, label: str
     return f"there is no {dim} '{label}'{similar_or_all(str(label), labels)}"
 
 
-def _labels(scene: Scene, parts: tuple[str, ...]) -> dict[str, list[str]]:
+def _labels(scene: Scene, parts: Parts) -> dict[str, list[str]]:
     """Return the labels of axes of the arrays in a group, as far as the scene alone says them."""
     if parts[0] == "bond_graph":
-        labels = labels_of_graph(scene)
-        axes_of_groups = {
-            "margins": ("loop",),
-            "sensitivity_functions": ("loop",),
-            "reduction": ("output",),
-        } | {
-            "frequency_response": ("output", "input"),
-            "frequency_peaks": ("output", "input"),
-            "time_response": ("output", "source"),
-        }
-        axes = axes_of_groups.get(parts[1], ()) if len(parts) == 3 else ()
+        labels = _labels_of_graph(scene)
+        axes = _CHANNEL_AXES.get(parts[1], ()) if len(parts) == 3 else ()
         return {axis: labels[axis] for axis in axes if axis in labels}
     if scene.kind == "identification" and parts[:2] in _OF_PARAMETERS:
         return dict.fromkeys(("parameter", "other"), _unknown_names(scene))
     if scene.kind == "reduction" and parts[0] == "reduction":
-        return {"method": method_names(scene, ("reduction", "frf"))}
+        return {"method": method_names(scene, _FRF)}
     return {}
 
 
-def _problem_of_grid(scene: Scene, parts: tuple[str, ...], dim: str, label: str | float) -> str:
+def _problem_of_grid(scene: Scene, parts: Parts, dim: str, label: str | float) -> str:
     """Return the reason why a grid that the scene gives has no such frequency or time."""
     grid = _frequencies(scene, parts) if dim == "omega" else _times(scene, parts)
     if grid is None:
@@ -159,7 +204,7 @@ def _problem_of_grid(scene: Scene, parts: tuple[str, ...], dim: str, label: str 
     return f"there is no {dim} {label:g} on the grid; next to it: {neighbours} {unit}"
 
 
-def _frequencies(scene: Scene, parts: tuple[str, ...]) -> NDArray[np.float64] | None:
+def _frequencies(scene: Scene, parts: Parts) -> NDArray[np.float64] | None:
     """Return the frequencies of a group, rad/s, where the scene gives them."""
     from dynid.scene.kinds.signals import angular_frequencies
 
@@ -170,7 +215,7 @@ def _frequencies(scene: Scene, parts: tuple[str, ...]) -> NDArray[np.float64] | 
             grid = analysis.frequency if analysis is not None else None
     elif parts[:2] == ("structure", "frequency_response"):
         grid = scene.model.responses.frequency
-    elif parts[:2] == ("reduction", "frf"):
+    elif parts[:2] == _FRF:
         grid = scene.model.frequency
     elif parts[0] == "identification" and parts[1] in ("measurement", "residual_spectrum"):
         return _axis_of_record(scene, parts, "omega")
@@ -180,7 +225,7 @@ def _frequencies(scene: Scene, parts: tuple[str, ...]) -> NDArray[np.float64] | 
     return None if grid is None else angular_frequencies(grid)
 
 
-def _times(scene: Scene, parts: tuple[str, ...]) -> NDArray[np.float64] | None:
+def _times(scene: Scene, parts: Parts) -> NDArray[np.float64] | None:
     """Return the times of a response or a record, s, where the scene gives them."""
     from dynid.scene.kinds.signals import record_of
 
@@ -203,19 +248,7 @@ def _records(scene: Scene[IdentificationScene]) -> list[Any]:
     return measurements[:-1] if measured is not None and measured.modes is not None else measurements
 
 
-def derived_pairs(scene: Scene[IdentificationScene]) -> list[tuple[str, str]]:
-    """Return the outputs and inputs of which quantities are derived: channels, and loads of their record."""
-    pairs = []
-    for record in _records(scene):
-        if isinstance(record, tuple):
-            loads, measurement = record
-            pairs += [(channel.name, load.name) for channel in measurement.channels for load in loads]
-        else:
-            pairs += [(function.channel.name, str(function.force)) for function in record.channels]
-    return pairs
-
-
-def _channels(scene: Scene[IdentificationScene], parts: tuple[str, ...]) -> list[str] | None:
+def _channels(scene: Scene[IdentificationScene], parts: Parts) -> list[str] | None:
     """Return the names of channels in a group; None beside measured modes, which have others."""
     records, of_record = _records(scene), "/".join(parts[:2]) in OF_RECORDS
     if scene.model.measurement is None or (scene.model.measurement.modes is not None and not of_record):
@@ -228,9 +261,7 @@ def _channels(scene: Scene[IdentificationScene], parts: tuple[str, ...]) -> list
     return list(dict.fromkeys(names))
 
 
-def _axis_of_record(
-    scene: Scene[IdentificationScene], parts: tuple[str, ...], dim: str
-) -> NDArray[np.float64] | None:
+def _axis_of_record(scene: Scene[IdentificationScene], parts: Parts, dim: str) -> NDArray[np.float64] | None:
     """Return the times of a record, or the lines of its spectra or of frequency responses."""
     from dynid.identification.likelihood.time_record import stored_rows
     from dynid.identification.residual_tests import spectral_lines
@@ -252,7 +283,7 @@ def _axis_of_record(
     return np.arange(measurement.samples, dtype=np.float64)[rows] * measurement.step
 
 
-def _max_count(scene: Scene, parts: tuple[str, ...], dim: str) -> int | None:
+def _max_count(scene: Scene, parts: Parts, dim: str) -> int | None:
     """Return the largest number on a numbered axis; None where the run alone says it."""
     if scene.kind == "identification" and parts[:2] == ("identification", "modes") and dim == "mode":
         modes = scene.model.measurement.modes
@@ -278,7 +309,7 @@ def _storages(scene: Scene) -> int:
     return sum(node.type in STORAGES for node in built.graph.nodes.values())
 
 
-def _size(scene: Scene, parts: tuple[str, ...], dim: str) -> int | None:
+def _size(scene: Scene, parts: Parts, dim: str) -> int | None:
     """Return the number that bounds a numbered axis: of storages, modes, starts, steps or unknowns."""
     if parts[:3] == ("bond_graph", "design", "optima"):
         return scene.model.design.starts if scene.model.design is not None else None
@@ -291,7 +322,7 @@ def _size(scene: Scene, parts: tuple[str, ...], dim: str) -> int | None:
     if dim not in ("mode", "full_mode"):
         return None
     if scene.kind == "reduction" and parts[0] == "reduction":
-        reduction = scene.model.reduction[method_names(scene, ("reduction", "frf")).index(parts[1])]
+        reduction = scene.model.reduction[method_names(scene, _FRF).index(parts[1])]
         size, full = max_size(reduction), structure_in(scene).size
         return full if size is None else min(size, full)
     with_modes = parts[:2] in (("structure", "modes"), ("identification", "derived"))
@@ -328,7 +359,7 @@ def _unknown_names(scene: Scene[IdentificationScene]) -> list[str]:
     return [parameter.name for parameter in unknowns]
 
 
-def labels_of_graph(scene: Scene) -> dict[str, list[str]]:
+def _labels_of_graph(scene: Scene) -> dict[str, list[str]]:
     """Return the labels of axes of the results of a graph, as far as the scene alone says them."""
     model, analysis, labels = scene.model, analysis_of(scene), dict[str, list[str]]()
     if model.control is not None:
@@ -342,12 +373,7 @@ def labels_of_graph(scene: Scene) -> dict[str, list[str]]:
     return labels
 
 
-def similar_or_all(name: str, candidates: Sequence[str]) -> str:
+def similar_or_all(name: str, candidates: Iterable[str]) -> str:
     """Return the end of a message about a name: a similar one, else those there are."""
-    return did_you_mean(name, candidates) or f"; there are: {shortened(sorted(candidates))}"
-
-
-def not_among(what: str, name: str, candidates: list[str]) -> str:
-    """Return the reason why an axis has no such label."""
-    hint = did_you_mean(name, candidates) or f"; there are: {shortened(candidates)}"
-    return f"'{name}' is not an {what}{hint}"
+    there = sorted(candidates)
+    return did_you_mean(name, there) or f"; there are: {shortened(there)}"

@@ -1,87 +1,129 @@
 """Expectations and paths of `collect` that no run can meet, found before it is run.
 
 `dynid check` refuses them; a run, of which they are the least part, reports them as not met at its end, and a
-study with the samples that fail.
+study with the samples that fail. Groups that follow from the data, such as `equivalent_optima`, are left to
+the run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES, ResultName
-from dynid.errors import DynidError
+from dynid.errors import DynidError, Fault
 from dynid.scene.kinds.expected_labels import (
-    derived_pairs,
-    labels_of_graph,
+    analysis_of,
     method_names,
-    not_among,
+    names_at,
     problem_of_label,
     problem_of_words,
     similar_or_all,
+    structure_in,
 )
-from dynid.scene.kinds.expected_requests import (
-    GROUPS,
-    OTHER_GROUPS,
-    absence_in_graph,
-    absence_in_identification,
-    absence_in_structure,
-    analysis_of,
+from dynid.scene.kinds.graph_parts import has_law
+from dynid.scene.kinds.result_layout import (
+    ATTRIBUTES,
+    RECORD,
+    ROOT_ATTRIBUTES,
+    Parts,
+    groups_in,
+    names_in,
+    pattern_of,
 )
-from dynid.scene.kinds.result_layout import ATTRIBUTES, ROOT_ATTRIBUTES, groups_in, is_of_scene, names_in
+from dynid.scene.schema.measurement import NoiseModel
 from dynid.scene.schema.study import paths_of
-from dynid.suggestions import did_you_mean
+from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
-    from dynid.errors import Fault
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import AnalysisModel
+    from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.study import StudyScene
 
 #: Attributes of a channel's properties that are named like one of these.
 _NOTES = frozenset({"hidden_mode_note", "approximate"})
-#: Arrays of complex numbers: their group, the number of names below it, and their own name.
+#: Arrays of complex numbers.
 _COMPLEX = frozenset(
-    {
-        *(("margins", 0, "poles"), ("energy", 0, "poles"), ("frequency_response", 0, "response")),
-        *(("transfer_function", 2, "poles"), ("transfer_function", 2, "zeros")),
-        ("properties", 2, "hidden_modes"),
-    }
+    {"bond_graph/margins/poles", "bond_graph/energy/poles", "bond_graph/frequency_response/response"}
+    | {f"bond_graph/transfer_function/<output>/<input>/{name}" for name in ("poles", "zeros")}
+    | {"bond_graph/properties/<output>/<input>/hidden_modes"}
 )
-#: Groups of bond graphs with one group for each output or input, or for each output and in it each input.
-_OF_CHANNELS: dict[tuple[str, ...], tuple[str, ...]] = {
-    **{(name,): ("output", "input") for name in ("properties", "transfer_function", "sensitivities")},
-    ("zero_input",): ("output",),
-    ("source_performance",): ("input",),
-    ("reduction", "dynamics"): ("output",),
-    ("causality", "zero_dynamics"): ("output", "input"),
-    ("port", "requested"): ("output", "input"),
+#: The groups at the root of results of known kinds, and the kinds of scene that have them.
+_ROOTS: dict[str, tuple[str, ...]] = {
+    "bond_graph": ("bond-graph", "identification"),
+    "identification": ("identification",),
+    "reduction": ("reduction",),
+    "synthesis": ("synthesis",),
+    "structure": ("bond-graph", "identification", "reduction"),
+    "accuracy": ("bond-graph", "identification", "reduction"),
 }
-#: The groups at the root of results, and the kinds of scene that have them; other kinds have others.
-_ROOTS: dict[str, frozenset[str]] = {
-    "bond_graph": frozenset({"bond-graph", "identification"}),
-    "identification": frozenset({"identification"}),
-    "reduction": frozenset({"reduction"}),
-    "synthesis": frozenset({"synthesis"}),
-    "structure": frozenset({"bond-graph", "identification", "reduction"}),
-    "accuracy": frozenset({"bond-graph", "identification", "reduction"}),
+#: The groups of bond graphs, with the results of which one has to be requested; none: by a key of the scene.
+_RESULTS: dict[str, frozenset[ResultName]] = {
+    "transfer_function": frozenset({"transfer_function", "zeros", "poles"}),
+    "properties": frozenset(PROPERTIES),
+    "frequency_response": frozenset({"frequency_response"}),
+    "frequency_peaks": frozenset({"frequency_response"}),
+    "time_response": frozenset({"time_response"}),
+    "state_space": frozenset({"state_space"}),
+    "sensitivities": frozenset({"sensitivities"}),
+    "causality": frozenset({"causality"}),
+    "energy": frozenset({"energy"}),
+    "source_performance": frozenset({"source_performance"}),
+    "reduction": frozenset({"reduction", "prototype"}),
+    "system": frozenset({"properties"}),
+    "zero_input": frozenset({"transfer_function"}),
+    **dict.fromkeys(("margins", "sensitivity_functions", "root_locus"), frozenset({"properties"})),
+    **dict.fromkeys(("port", "operating_point", "design", "need"), frozenset()),
 }
-#: Kinds whose results are known.
-_KNOWN_KINDS = frozenset({"bond-graph", "identification", "reduction", "synthesis"})
+_COMES_WITH = "'{group}' comes with {cause}, which the scene does not have"
+_BLOCK = "'{group}' needs the block '{key}' in 'analysis'"
+#: Groups that come with a key of the scene or a condition, and the reason why they are absent without it.
+_NEEDS: dict[str, tuple[str, str]] = {
+    **{
+        f"bond_graph/{name}": ("control", f"a graph without loops has no {what}; close loops with 'control'")
+        for name, what in (
+            ("margins", "margins"),
+            ("sensitivity_functions", "sensitivity functions"),
+            ("root_locus", "root locus"),
+        )
+    },
+    "bond_graph/port": (
+        "analysis.port",
+        "'port' needs the bond at which the graph is cut; name it in 'analysis.port'",
+    ),
+    "bond_graph/design": ("design", "'design' needs the block 'design'"),
+    "bond_graph/design/compared": (
+        "design.compare",
+        "'compared' is of the designs to 'compare'; name their values in 'design'",
+    ),
+    "bond_graph/zero_input": ("initial", "'zero_input' is of stored energy; give it in 'initial'"),
+    "bond_graph/operating_point": (
+        "laws",
+        "a graph without laws has no operating point; write a 'law' or an 'operating_point'",
+    ),
+    "structure/modes": ("analysis.modes", _BLOCK.format(group="modes", key="modes")),
+    "structure/time_response": ("analysis.time", _BLOCK.format(group="time_response", key="time")),
+    **{
+        f"structure/{name}": ("analysis.frequency", _BLOCK.format(group=name, key="frequency"))
+        for name in ("frequency_response", "frequency_peaks")
+    },
+    **{
+        f"identification/{name}": (key, _COMES_WITH.format(group=name, cause=cause))
+        for name, key, cause in (
+            ("robust", "huber", "the loss 'huber' of the 'estimator'"),
+            ("posterior", "posterior_check", "'posterior_check: true'"),
+            ("identifiability", "identifiability", "'identifiability: true'"),
+            ("modes", "measurement.modes", "measured 'modes'"),
+            ("noise", "noise", "a 'noise' of the kind coloured or proportional"),
+            ("model_error", "reduction", "a 'reduction' and records of the full structure"),
+        )
+    },
+}
+_OF_TIME = frozenset({"history", "first_pass", "states", "innovations", "residual_spectrum"})
 
 
-class _ExpectedPath(NamedTuple):
-    """A path in `expect` of a scene or in `collect` of a study, and its place there."""
-
-    parts: tuple[str, ...]
-    holder: Scene
-    place: tuple[str | int, ...]
-
-    def fault(self, problem: str) -> Fault:
-        return self.holder.source.fault(self.place, problem)
-
-
-def impossible_paths(scene: Scene, study: Scene | None = None) -> Iterator[Fault]:
+def impossible_paths(scene: Scene, study: Scene[StudyScene] | None = None) -> Iterator[Fault]:
     """Yield the paths of what the result does not have, and bounds of complex numbers.
 
     These are names that no group of a result has (`result_layout`), groups of other kinds and of results that
@@ -90,69 +132,176 @@ def impossible_paths(scene: Scene, study: Scene | None = None) -> Iterator[Fault
     more than values, and names of channels where multiports or files give them. Of a `study` that varies the
     scene `collect` is checked as well, except for patterns.
     """
-    certain = _varies_values(study)
-    for path in (*_expected(scene), *(_collected(study) if study is not None else ())):
-        if problem := _problem(scene, path.parts, certain=certain, groups=path.holder is study):
-            yield path.fault(problem)
-    if scene.kind in _KNOWN_KINDS:
-        yield from _impossible_labels(scene, certain=certain)
-    if scene.kind == "bond-graph":
-        yield from _bounds_of_complex_numbers(scene)
+    if not any(scene.kind in kinds for kinds in _ROOTS.values()):
+        return
+    certain = study is None or all(
+        path.startswith("parameters.") or path.endswith(".value") or "." not in path
+        for path in [*(path for key in study.model.vary for path in paths_of(key)), *study.model.derive]
+    )
+    paths: list[tuple[Scene, tuple[str | int, ...], str]] = [
+        (scene, ("expect", k, "path"), expected.path) for k, expected in enumerate(scene.model.expect)
+    ]
+    if study is not None:
+        collected = enumerate(study.model.collect)
+        paths += [(study, ("collect", k), path) for k, path in collected if not set(path) & set("*?[")]
+    for holder, place, path in paths:
+        if problem := _problem(scene, _parts(path), certain=certain, groups=holder is study):
+            yield holder.source.fault(place, problem)
+    for number, expectation in enumerate(scene.model.expect):
+        parts = _parts(expectation.path)
+        for dim, label in (expectation.at or {}).items():
+            if problem := problem_of_label(scene, parts, dim, label, certain=certain):
+                yield scene.source.fault(("expect", number, "at", dim), problem)
+        if scene.kind == "bond-graph" and expectation.part is None and _is_complex(parts):
+            for key in ("min", "max"):
+                if getattr(expectation, key) is not None:
+                    message = f"'{key}' needs real numbers, and '{parts[-1]}' are complex; add part: real, "
+                    yield scene.source.fault(("expect", number, key), f"{message}imaginary or magnitude")
 
 
-def _problem(scene: Scene, parts: tuple[str, ...], *, certain: bool, groups: bool) -> str:
+def _parts(path: str) -> Parts:
+    return tuple(path.strip("/").split("/"))
+
+
+def _is_complex(parts: Parts) -> bool:
+    return "/".join((*(pattern_of(parts[:-1]) or ()), parts[-1])) in _COMPLEX
+
+
+def _problem(scene: Scene, parts: Parts, *, certain: bool, groups: bool) -> str:
     """Return the reason why a result has nothing at a path; empty where it may have."""
     root, *rest = parts
-    if scene.kind not in _KNOWN_KINDS or root == "study" or (not rest and root in ROOT_ATTRIBUTES):
+    if root == "study" or (not rest and root in ROOT_ATTRIBUTES):
         return ""
     roots = [name for name, kinds in _ROOTS.items() if scene.kind in kinds]
     if root not in roots:
         there = did_you_mean(root, roots) or f"; it has {', '.join(roots)}"
         return f"a result of kind {scene.kind} has no group '{root}'{there}"
+    if certain and root == "bond_graph" and getattr(scene.model, "graph", None) is None:
+        return "a structure has no results 'bond_graph'"
     problem = ""
-    if root == "bond_graph" and certain and getattr(scene.model, "graph", None) is None:
-        problem = "a structure has no results 'bond_graph'"
-    elif root == "bond_graph" and len(rest) > 1:
-        problem = _problem_of_graph(scene, rest, certain)
-    elif root == "structure" and rest and certain:
-        problem = absence_in_structure(scene, rest[0])
-    elif root == "identification" and len(rest) > 1 and certain:
-        problem = absence_in_identification(scene.model, rest) or _problem_of_pair(scene, rest)
-    elif root == "reduction" and len(rest) > 1 and certain:
-        problem = _problem_of_method(scene, rest[0])
-    elif root == "synthesis" and len(rest) > 1 and certain:
-        from dynid.bondgraph.synthesis.forms import FORMS
-
-        forms = [*(scene.model.forms or FORMS), "need"]
-        problem = "" if rest[0] in forms else not_among("form", rest[0], forms)
+    if certain and len(rest) >= (1 if root == "structure" else 2):
+        problem = _absence(scene, parts) or _problem_of_names(scene, parts)
+    if root == "bond_graph" and len(rest) > 1:
+        problem = problem or _problem_of_graph(scene, rest, certain=certain)
     problem = problem or _problem_of_layout(parts, method_names(scene, parts), groups=groups)
-    names = [parts[depth - 1] for depth in range(1, len(parts)) if is_of_scene(parts[:depth])]
+    patterns = ((name, pattern_of(parts[: k + 1]) or ("",)) for k, name in enumerate(parts[:-1]))
+    names = [name for name, pattern in patterns if pattern[-1] in ("<output>", "<input>", "<name>")]
     return problem or (problem_of_words(scene, names) if certain and names else "")
 
 
-def _problem_of_pair(scene: Scene, rest: list[str]) -> str:
-    """Return the reason why nothing is derived of an output and an input; empty where it may be."""
-    if rest[0] != "derived" or rest[1] not in ("zeros", "gains", "frequency_response"):
-        return ""
-    try:
-        pairs = derived_pairs(scene)
-    except DynidError:  # which the preparation of the run reports
-        return ""
-    outputs = list(dict.fromkeys(output for output, _ in pairs))
-    inputs = list(dict.fromkeys(name for output, name in pairs if output in rest[2:3]))
-    axes = (("output", outputs), ("input", inputs))
-    for (axis, names), name in zip(axes, rest[2:], strict=False):
-        if name not in names:
-            return not_among(axis, name, names)
+def _absence(scene: Scene, parts: Parts) -> str:
+    """Return the reason why a scene has no results in a group; empty where it may have."""
+    (root, group, *below), reason = parts, ""
+    analysis = analysis_of(scene) if root == "bond_graph" else None
+    if root == "structure":
+        reason = _absence_in_structure(scene, group)
+    elif root == "identification" and group != "need":
+        reason = _absence_in_identification(scene.model, group, below[0])
+    elif root == "bond_graph" and analysis is None:
+        reason = "'bond_graph' has the results of an analysis; add the block 'analysis'"
+    elif root == "bond_graph" and group == "need" and scene.kind == "identification":
+        reason = "the scope of an identified graph stands in 'identification/need'"
+    needs = (_NEEDS.get("/".join(parts[:depth]), ("", "")) for depth in (2, 3))
+    reason = reason or next((said for key, said in needs if key and not _has(scene.model, key)), "")
+    results = _RESULTS.get(group, frozenset())
+    if reason or analysis is None or not results or not analysis.asked().isdisjoint(results):
+        return reason
+    block = {"frequency_response": "frequency", "time_response": "time"}.get(result := min(results), "")
+    if block and getattr(analysis, block) is None:
+        return _BLOCK.format(group=group, key=block)
+    return _unlisted(group, result)
+
+
+def _absence_in_structure(scene: Scene, group: str) -> str:
+    """Return the reason why a scene has no results of its structure in a group; empty where it may have."""
+    graph = getattr(scene.model, "graph", None)
+    if graph is not None:
+        # of structures in a graph there is a doubt of their nodes alone
+        structures = any(node.type == "structure" for node in graph.nodes.values())
+        return "" if group == "nodes" and structures else "a graph has no results of a structure"
+    if group == "geometry":
+        try:
+            nodes = structure_in(scene).nodes
+        except DynidError:  # which the preparation of the run reports
+            return ""
+        return "a structure without positions of nodes has no 'geometry'" if nodes is None else ""
+    if f"structure/{group}" in _NEEDS and scene.kind == "reduction":
+        return f"a comparison of reductions has no results 'structure/{group}'; they stand in 'reduction'"
     return ""
 
 
-def _problem_of_method(scene: Scene, name: str) -> str:
-    names = [*method_names(scene, ("reduction", "frf")), "frf", "need"]
-    return "" if name in names else f"no reduction is called '{name}'{similar_or_all(name, names)}"
+def _unlisted(name: str, result: ResultName) -> str:
+    return f"'{name}' comes with the result '{result}', which 'results' does not list; add it"
 
 
-def _problem_of_layout(parts: tuple[str, ...], further: Sequence[str], *, groups: bool) -> str:
+def _has(model: Any, key: str) -> bool:
+    """Return True for a scene with a key, given by its dotted path, or with a condition of `_NEEDS`."""
+    match key:
+        case "laws":
+            nodes = model.graph.nodes.values()
+            return getattr(model, "operating_point", None) is not None or any(map(has_law, nodes))
+        case "huber":
+            return bool(model.estimator.loss == "huber")
+        case "noise":
+            return any(isinstance(record.noise, NoiseModel) for record in model.measurement.each)
+        case "reduction":
+            simulated = [
+                record.frf.simulate if record.frf else record.simulate for record in model.measurement.each
+            ]
+            full = not any(simulate is not None and simulate.model == "reduced" for simulate in simulated)
+            return model.is_reduced and model.measurement.modes is None and full
+    section = model
+    for name in key.split("."):
+        section = getattr(section, name, None)
+    return bool(section)
+
+
+def _absence_in_identification(model: IdentificationScene, group: str, name: str) -> str:
+    """Return the reason why an identification has no results of its records at a path, or derives none."""
+    measurement, estimator = model.measurement, model.estimator
+    if measurement is None:
+        return "nothing is identified without the block 'measurement'"
+    if group == "derived":
+        kind = "zeros" if name == "gains" else name
+        named = kind in ("poles", "zeros", "modes", "frequency_response")
+        if measurement.modes_alone and named:
+            return "nothing is derived from measured modes alone; these are of records"
+        if model.derived == []:
+            return "nothing is derived: 'derived' is empty; list what is to be"
+        listed = model.derived is None or kind in model.derived
+        return "" if listed or not named else f"'{kind}' is not in the list 'derived'; add it"
+    if group not in _OF_TIME | {"measurement"}:
+        return ""
+    if measurement.modes_alone:
+        return f"measured modes alone have no '{group}'; it is of records"
+    if measurement.frf is not None and group in _OF_TIME:
+        return f"frequency responses have no '{group}'; it is of records of time"
+    passes = estimator.method == "filter" and estimator.passes != 1
+    methods = {"innovations": passes, "first_pass": passes or estimator.method == "auto"}
+    if not methods.get(group, True):
+        return f"'{group}' comes with several passes of the method 'filter' of the 'estimator'"
+    count = len(measurement.each)
+    records = [f"{RECORD}{number}" for number in range(1, count + 1)]
+    if count > 1 and name not in records:
+        return f"each record has a group of its own; there are: {shortened(records)}"
+    return f"there is one record; leave '{name}' out" if count == 1 and name.startswith(RECORD) else ""
+
+
+def _problem_of_names(scene: Scene, parts: Parts) -> str:
+    """Return the reason why a scene has no channel, loop, method or form that a path names."""
+    for depth in range(2, len(parts)):
+        pattern, name = pattern_of(parts[:depth]) or ("",), parts[depth - 1]
+        names = names_at(scene, pattern[-1], parts)
+        if names is not None and name not in names:
+            if pattern[-1] == "<method>":
+                return f"no reduction is called '{name}'{similar_or_all(name, names)}"
+            hint = did_you_mean(name, names) or f"; there are: {shortened(names)}"
+            what = pattern[-1].strip("<>")
+            return f"'{name}' is not {'an' if what[0] in 'io' else 'a'} {what}{hint}"
+    return ""
+
+
+def _problem_of_layout(parts: Parts, further: Sequence[str], *, groups: bool) -> str:
     """Return the reason why no result has an array or attribute at a path; empty where one may.
 
     `further` are names of arrays beside those of the layout; with `groups` a group may be meant.
@@ -176,36 +325,28 @@ def _problem_of_layout(parts: tuple[str, ...], further: Sequence[str], *, groups
         return f"'{path}' is an array of all parameters; write path: {path}, at: {{parameter: {label}}}"
     if missing in names and not last:
         return f"'{missing}' is no group, it has no '{'/'.join(parts[depth:])}'"
-    candidates = sorted({*groups_in(above), *(names if last else ())}) or sorted(names)
+    candidates = {*groups_in(above), *(names if last else ())} or names
     return f"there is no '{missing}' in {'/'.join(above)}{similar_or_all(missing, candidates)}"
 
 
-def _problem_of_graph(scene: Scene, rest: list[str], certain: bool) -> str:
-    """Return the reason why the result of a graph has nothing at a path below `bond_graph`."""
-    model, analysis = scene.model, analysis_of(scene)
+def _problem_of_graph(scene: Scene, rest: Sequence[str], *, certain: bool) -> str:
+    """Return the reason why the result of a graph has no property, margin or array of a channel."""
     group, *below = rest
-    groups = [*GROUPS, *OTHER_GROUPS]
+    analysis = analysis_of(scene)
     if analysis is None:
-        return "'bond_graph' has the results of an analysis; add the block 'analysis'" if certain else ""
-    asked = analysis.asked()
-    if group not in groups:
-        return f"a bond graph has no results '{group}'{similar_or_all(group, groups)}"
-    for name in (group, "/".join(rest[:2])) if certain else ():
-        if problem := absence_in_graph(model, analysis, name):
-            return problem
+        return ""
+    if group not in _RESULTS:
+        return f"a bond graph has no results '{group}'{similar_or_all(group, _RESULTS)}"
     if group == "margins" and len(below) == 1 and below[0] not in MARGINS:
-        return f"loops have no margin '{below[0]}'{similar_or_all(below[0], sorted(MARGINS))}"
-    if group == "root_locus" and len(below) > 1 and certain and model.control is not None:
-        loops = [f"loop_{number}" for number in range(1, len(model.control.loops) + 1)]
-        return "" if below[0] in loops else not_among("loop", below[0], loops)
-    labels = labels_of_graph(scene) if certain else {}
-    depth = next((k for k in (1, 2) if tuple(rest[:k]) in _OF_CHANNELS), 0)
-    axes = _OF_CHANNELS.get(tuple(rest[:depth]), ())
-    for axis, name in zip(axes, rest[depth:-1], strict=False):
-        if axis in labels and name not in labels[axis]:
-            return not_among(axis, name, labels[axis])
+        return f"loops have no margin '{below[0]}'{similar_or_all(below[0], MARGINS)}"
     if group == "properties" and len(below) > 2:
-        return _problem_of_property(below[2], asked, certain)
+        name = below[2]
+        known = {name for names in (*PROPERTIES.values(), _NOTES) for name in names}
+        if name not in known:
+            return f"no channel has the property '{name}'{similar_or_all(name, known)}"
+        holders = [result for result, names in PROPERTIES.items() if name in names]
+        if certain and holders and analysis.asked().isdisjoint(holders):
+            return _unlisted(name, holders[0])
     if group == "transfer_function" and len(below) == 3 and certain:
         return _problem_of_channel(below[2], analysis)
     return ""
@@ -217,67 +358,9 @@ def _problem_of_channel(name: str, analysis: AnalysisModel) -> str:
     holders |= dict.fromkeys(("numerator", "denominator", "gain"), "transfer_function")
     holder = holders.get(name)
     if holder is not None and holder not in analysis.asked():
-        return f"'{name}' comes with the result '{holder}', which 'results' does not list; add it"
+        return _unlisted(name, holder)
     if name in ("numerator", "denominator") and analysis.engine == "float":
         return f"'engine: float' forms no '{name}': expect zeros, poles and gain, or write 'engine: exact'"
     if name == "gain" and analysis.engine == "exact":
         return "the exact engine has 'numerator' and 'denominator' in place of 'gain'"
     return ""
-
-
-def _impossible_labels(scene: Scene, *, certain: bool) -> Iterator[Fault]:
-    """Yield the dimensions under `at` that no array at its path has, and labels that they cannot have."""
-    for number, expectation in enumerate(scene.model.expect):
-        parts = _parts(expectation.path)
-        for dim, label in (expectation.at or {}).items():
-            if problem := problem_of_label(scene, parts, dim, label, certain=certain):
-                yield scene.source.fault(("expect", number, "at", dim), problem)
-
-
-def _problem_of_property(name: str, asked: frozenset[ResultName], certain: bool) -> str:
-    properties = {name: None for names in (*PROPERTIES.values(), _NOTES) for name in names}
-    if name not in properties:
-        return f"no channel has the property '{name}'{similar_or_all(name, list(properties))}"
-    holders: list[ResultName] = [result for result, names in PROPERTIES.items() if name in names]
-    if certain and holders and asked.isdisjoint(holders):
-        return f"'{name}' comes with the result '{holders[0]}', which 'results' does not list; add it"
-    return ""
-
-
-def _bounds_of_complex_numbers(scene: Scene) -> Iterator[Fault]:
-    """Yield the bounds on complex numbers, which have no order, where no part of them is meant."""
-    for number, expectation in enumerate(scene.model.expect):
-        root, *groups = _parts(expectation.path)[:-1] or ("",)
-        group, *between = groups if root == "bond_graph" and groups else ("",)
-        name = expectation.path.strip("/").rpartition("/")[2]
-        if expectation.part is None and (group, len(between), name) in _COMPLEX:
-            for key in ("min", "max"):
-                if getattr(expectation, key) is not None:
-                    message = f"'{key}' needs real numbers, and '{name}' are complex; add part: real, "
-                    yield scene.source.fault(("expect", number, key), f"{message}imaginary or magnitude")
-
-
-def _expected(scene: Scene) -> Iterator[_ExpectedPath]:
-    for number, expectation in enumerate(scene.model.expect):
-        if parts := _parts(expectation.path):
-            yield _ExpectedPath(parts, scene, ("expect", number, "path"))
-
-
-def _collected(study: Scene[StudyScene]) -> Iterator[_ExpectedPath]:
-    for number, path in enumerate(study.model.collect):
-        if (parts := _parts(path)) and not any(letter in path for letter in "*?["):
-            yield _ExpectedPath(parts, study, ("collect", number))
-
-
-def _parts(path: str) -> tuple[str, ...]:
-    """Return the parts of a path."""
-    return tuple(path.strip("/").split("/"))
-
-
-def _varies_values(study: Scene[StudyScene] | None) -> bool:
-    """Return True if all samples of a study have the nodes, outputs and inputs of its scene."""
-    if study is None:
-        return True
-    model = study.model
-    paths = [path for key in model.vary for path in paths_of(key)] + list(model.derive)
-    return all(path.startswith("parameters.") or path.endswith(".value") or "." not in path for path in paths)

@@ -1,14 +1,13 @@
 """Layout of results: the names in every group, of which `dynid check` refuses others before a run.
 
-A group that has the scene's own names is a pattern, with `*` for each. Names are those of arrays, of
-coordinates and of the group's attributes; not every result has all of them. docs/reference/results.md says
-what they are.
+The scene's own names stand as `<output>`, `<method>` and the like. Names are those of arrays, of coordinates
+and of the group's attributes; not every result has all of them. docs/reference/results.md, whose groups are
+these, says what they are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from fnmatch import fnmatchcase
 
 from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES
 
@@ -30,6 +29,12 @@ _PROTOTYPE = (
     "step steps prototype prototype_equation prototype_equation_latex system_a system_a_latex system_b "
     "system_b_latex"
 )
+_DYNAMICS = {
+    "zero_dynamics": f"{_ZERO_DYNAMICS} {_SYSTEMS}",
+    "zero_dynamics/response": f"{_RATIO} {_ROOTS} exact",
+    "pole_dynamics": _ZERO_DYNAMICS,
+    "driving_point": f"{_RATIO} {_ROOTS} exact equation",
+}
 _PEAKS = "omega output input magnitude"
 _RESPONSE = "omega output input response unit"
 _TIME_RESPONSE = "note time output source response input unit input_unit"
@@ -53,64 +58,43 @@ LAYOUT: dict[str, str] = {
         "bond bonds element elements state states dependent_storage dependent_storages loop loops conflict "
         "conflicts order order_exact note definition definitions"
     ),
-    "bond_graph/causality/zero_dynamics": "",
-    "bond_graph/causality/zero_dynamics/*": "",
-    "bond_graph/causality/zero_dynamics/*/*": (
+    "bond_graph/causality/zero_dynamics/<output>/<input>": (
         "bond bonds line internal_state derivative_storage zeros_structural relative_degree_structural "
         "zeros_exact relative_degree_exact meaning part parts state rate_of A input equations input_equation "
         "note definition definitions"
     ),
-    "bond_graph/transfer_function": "",
-    "bond_graph/transfer_function/*": "",
-    "bond_graph/transfer_function/*/*": (
+    "bond_graph/transfer_function/<output>/<input>": (
         f"{_RATIO} {_ROOTS} gain zero_error_estimate pole_error_estimate zero_residual pole_residual "
         "symbolic symbolic_numerator symbolic_denominator latex engine reading unit approximate program "
         "program_latex"
     ),
-    "bond_graph/properties": "",
-    "bond_graph/properties/*": "",
-    "bond_graph/properties/*/*": " ".join(
+    "bond_graph/properties/<output>/<input>": " ".join(
         {name for names in PROPERTIES.values() for name in names} | {"hidden_mode_note", "approximate"}
     ),
-    "bond_graph/sensitivities": "",
-    "bond_graph/sensitivities/*": "",
-    "bond_graph/sensitivities/*/*": (
+    "bond_graph/sensitivities/<output>/<input>": (
         "note parameter value zero zeros pole poles zero_sensitivity zero_sensitivity_relative "
         "pole_sensitivity pole_sensitivity_relative dc_gain_sensitivity dc_gain_sensitivity_relative "
         "high_frequency_gain_sensitivity high_frequency_gain_sensitivity_relative approximate"
     ),
     "bond_graph/reduction": f"{_PROTOTYPE} output dropped dynamics approximate",
-    "bond_graph/reduction/dynamics": "",
-    "bond_graph/reduction/dynamics/*": f"{_MODES} approximate",
-    "bond_graph/reduction/dynamics/*/zero_dynamics": f"{_ZERO_DYNAMICS} {_SYSTEMS} approximate",
-    "bond_graph/reduction/dynamics/*/zero_dynamics/response": f"{_RATIO} {_ROOTS} exact approximate",
-    "bond_graph/reduction/dynamics/*/pole_dynamics": f"{_ZERO_DYNAMICS} approximate",
-    "bond_graph/reduction/dynamics/*/driving_point": f"{_RATIO} {_ROOTS} exact equation approximate",
+    "bond_graph/reduction/dynamics/<output>": f"{_MODES} approximate",
     "bond_graph/port": f"{_PROTOTYPE} {_MODES} bond junction type meaning approximate",
     **dict.fromkeys(("bond_graph/port/source", "bond_graph/port/load"), "nodes form note approximate"),
     **{
-        f"bond_graph/port/{side}/{equivalent}": names
+        f"bond_graph/port/{side}/{equivalent}": f"{_RATIO} exact symbolic approximate"
         for side in ("source", "load")
-        for equivalent, names in (
-            ("Z_eq", f"{_RATIO} exact symbolic approximate"),
-            ("Y_eq", f"{_RATIO} exact symbolic approximate"),
-            ("e_eq", ""),
-            ("f_eq", ""),
-            ("e_eq/*", f"{_RATIO} exact symbolic approximate"),
-            ("f_eq/*", f"{_RATIO} exact symbolic approximate"),
-        )
+        for equivalent in ("Z_eq", "Y_eq", "e_eq/<name>", "f_eq/<name>")
     },
-    "bond_graph/port/zero_dynamics": f"{_ZERO_DYNAMICS} {_SYSTEMS} approximate",
-    "bond_graph/port/zero_dynamics/response": f"{_RATIO} {_ROOTS} exact approximate",
-    "bond_graph/port/pole_dynamics": f"{_ZERO_DYNAMICS} approximate",
-    "bond_graph/port/driving_point": f"{_RATIO} {_ROOTS} exact equation approximate",
+    **{
+        f"{holder}/{name}": f"{names} approximate"
+        for holder in ("bond_graph/port", "bond_graph/reduction/dynamics/<output>")
+        for name, names in _DYNAMICS.items()
+    },
     "bond_graph/port/performance": (
         "input end source_flow source_effort load_flow load_effort operating_flow operating_effort note "
         "approximate"
     ),
-    "bond_graph/port/requested": "",
-    "bond_graph/port/requested/*": "",
-    "bond_graph/port/requested/*/*": f"{_ROOTS} approximate",
+    "bond_graph/port/requested/<output>/<input>": f"{_ROOTS} approximate",
     "bond_graph/port/frequency_response": (
         "omega input source_Z_eq source_Y_eq source_e_eq source_f_eq load_Z_eq load_Y_eq load_e_eq load_f_eq "
         "effort flow active_power reactive_power available_power zero_dynamics_response approximate"
@@ -124,14 +108,14 @@ LAYOUT: dict[str, str] = {
         "growth_rate_by_control omega input energy power approximate"
     ),
     "bond_graph/source_performance": "omega",
-    "bond_graph/source_performance/*": (
+    "bond_graph/source_performance/<input>": (
         "effort flow impedance active_power reactive_power apparent_power approximate"
     ),
     "bond_graph/system": "stable stability reason unstable_poles",
     "bond_graph/margins": " ".join(MARGINS),
     "bond_graph/sensitivity_functions": "omega loop L S T",
     "bond_graph/root_locus": "left_out",
-    "bond_graph/root_locus/loop_*": "loop gain branch poles zero zeros approximate",
+    "bond_graph/root_locus/<loop>": "loop gain branch poles zero zeros approximate",
     "bond_graph/frequency_response": f"{_RESPONSE} approximate",
     "bond_graph/frequency_peaks": f"{_PEAKS} approximate",
     "bond_graph/time_response": (
@@ -139,7 +123,7 @@ LAYOUT: dict[str, str] = {
         "nonlinear_tolerance nonlinear_error operating_value approximate"
     ),
     "bond_graph/zero_input": "initial",
-    "bond_graph/zero_input/*": f"{_RATIO} exact approximate",
+    "bond_graph/zero_input/<output>": f"{_RATIO} exact approximate",
     "bond_graph/operating_point": (
         "variable value unit input input_value residual condition status note slope slope_value slope_unit "
         "chosen equilibrium equilibria stability flat"
@@ -205,7 +189,6 @@ LAYOUT: dict[str, str] = {
         "mac_start mac_table mac_table_start shape shape_start comac comac_start expanded expanded_start"
     ),
     "identification/modes/directions": "direction parameter strength weights label",
-    "identification/modes/trade_off": "",
     "identification/modes/trade_off/frequencies": "mode frequency_error mac",
     "identification/modes/trade_off/shapes": "mode frequency_error mac",
     "identification/model_error": (
@@ -227,24 +210,15 @@ LAYOUT: dict[str, str] = {
     "identification/derived": "confidence samples requested",
     "identification/derived/verdicts": "verdict holds probability always statement",
     "identification/derived/poles": f"{_ROOT_BANDS} pole",
-    "identification/derived/modes": "",
     "identification/derived/modes/frequency": f"{_BAND} mode",
     "identification/derived/modes/damping": f"{_BAND} mode",
-    "identification/derived/zeros": "",
-    "identification/derived/zeros/*": "",
-    "identification/derived/zeros/*/*": f"{_ROOT_BANDS} zero",
-    "identification/derived/zeros/*/*/frequency": f"{_BAND} pair",
-    "identification/derived/zeros/*/*/damping": f"{_BAND} pair",
-    "identification/derived/gains": "",
-    "identification/derived/gains/*": "",
-    "identification/derived/gains/*/*": "",
-    "identification/derived/gains/*/*/dc": _BAND,
-    "identification/derived/gains/*/*/high_frequency": _BAND,
-    "identification/derived/frequency_response": "",
-    "identification/derived/frequency_response/*": "",
-    "identification/derived/frequency_response/*/*": "",
-    "identification/derived/frequency_response/*/*/magnitude": f"{_BAND} omega",
-    "identification/derived/frequency_response/*/*/phase": f"{_BAND} omega",
+    "identification/derived/zeros/<output>/<input>": f"{_ROOT_BANDS} zero",
+    "identification/derived/zeros/<output>/<input>/frequency": f"{_BAND} pair",
+    "identification/derived/zeros/<output>/<input>/damping": f"{_BAND} pair",
+    "identification/derived/gains/<output>/<input>/dc": _BAND,
+    "identification/derived/gains/<output>/<input>/high_frequency": _BAND,
+    "identification/derived/frequency_response/<output>/<input>/magnitude": f"{_BAND} omega",
+    "identification/derived/frequency_response/<output>/<input>/phase": f"{_BAND} omega",
     "identification/need": _NEED,
     # Structures and reductions.
     "structure": "doubt",
@@ -261,7 +235,7 @@ LAYOUT: dict[str, str] = {
         "shape_sensor shape_sensor_position shape_sensor_direction shape_sensor_turns"
     ),
     "reduction": "method dof solver seconds peak_megabytes doubt",
-    "reduction/*": (
+    "reduction/<method>": (
         "T mass damping stiffness masters master modes basis_mode condition frequencies reference "
         "frequency_uncertainty reference_uncertainty frequency_error mac orthogonality energy_error "
         "coordinate column mode full_mode part mass_without_joints damping_without_joints "
@@ -273,20 +247,21 @@ LAYOUT: dict[str, str] = {
     "synthesis": (
         f"function unit domain kind degree zero zeros pole poles positive_real form residual {_RATIO}"
     ),
-    "synthesis/*": f"element type value exact node node_type bond residual scene {_RATIO}",
+    "synthesis/<form>": f"element type value exact node node_type bond residual scene {_RATIO}",
     "synthesis/need": _NEED,
     # Accuracy of alternatives.
     "accuracy": "repeats budget",
-    "accuracy/*": "alternative status title size measure because reference",
-    "accuracy/*/*": "size runs pareto chosen error bound time memory digits",
+    "accuracy/<aspect>": "alternative status title size measure because reference",
+    "accuracy/<aspect>/<alternative>": "size runs pareto chosen error bound time memory digits",
 }
 
-#: Groups with one of the same layout for each of several records, and its beginning.
+#: Groups with one of the same layout for each of several records, and the beginning of its name.
 OF_RECORDS = frozenset(
     f"identification/{name}"
-    for name in (*("measurement", "history", "first_pass", "states", "innovations", "residual_spectrum"),)
+    for name in ("measurement", "history", "first_pass", "states", "innovations", "residual_spectrum")
 )
 RECORD = "record_"
+LAYOUT |= {f"{group}/<record>": LAYOUT[group] for group in OF_RECORDS}
 #: Attributes of arrays.
 ATTRIBUTES = frozenset({"note", "undefined", "per", "status_of", "terms", "approximate"})
 #: Attributes of a result itself.
@@ -294,37 +269,37 @@ ROOT_ATTRIBUTES = frozenset(
     {"dynid_version", "format", "kind", "title", "created", "status", "python", "packages", "seed"}
     | {"scene", "folder"}
 )
-_PATTERNS = tuple(tuple(group.split("/")) for group in LAYOUT)
+Parts = tuple[str, ...]
+#: The names of each group; what groups stand in is one as well.
+_GROUPS: dict[Parts, frozenset[str]] = {
+    parts[:depth]: frozenset()
+    for parts in (tuple(group.split("/")) for group in LAYOUT)
+    for depth in range(1, len(parts))
+} | {tuple(group.split("/")): frozenset(names.split()) for group, names in LAYOUT.items()}
 
 
-def names_in(group: tuple[str, ...]) -> frozenset[str] | None:
-    """Return the names in a group, those of all patterns that it fits; None where no result has it."""
-    if len(group) == 3 and "/".join(group[:2]) in OF_RECORDS and group[2].startswith(RECORD):
-        group = group[:2]
-    fitting = [pattern for pattern in _PATTERNS if _fits(pattern, group)]
-    if not fitting:
-        return None
+def pattern_of(group: Parts) -> Parts | None:
+    """Return the pattern that a group fits, the most literal one; None where no result has it."""
+    fitting = [pattern for pattern in _GROUPS if _fits(pattern, group)]
     # The scene's own names beside literal ones: `reduction/frf` is no method.
-    literal = max(sum(part != "*" for part in pattern) for pattern in fitting)
-    fitting = [pattern for pattern in fitting if sum(part != "*" for part in pattern) == literal]
-    return frozenset(name for pattern in fitting for name in LAYOUT["/".join(pattern)].split())
+    return max(fitting, key=lambda pattern: sum(part[0] != "<" for part in pattern), default=None)
 
 
-def is_of_scene(group: tuple[str, ...]) -> bool:
-    """Return True if the last name of a group is not the layout's but the scene's own."""
-    fitting = [pattern for pattern in _PATTERNS if _fits(pattern, group)]
-    methods = ("reduction", "synthesis", "accuracy")  # whose names are those of methods
-    return bool(fitting) and all(pattern[-1] == "*" and pattern[0] not in methods for pattern in fitting)
+def names_in(group: Parts) -> frozenset[str] | None:
+    """Return the names in a group; None where no result has it."""
+    pattern = pattern_of(group)
+    return None if pattern is None else _GROUPS[pattern]
 
 
-def groups_in(group: tuple[str, ...]) -> Iterator[str]:
+def groups_in(group: Parts) -> Iterator[str]:
     """Yield the literal names of the groups in a group."""
-    for pattern in _PATTERNS:
-        if len(pattern) == len(group) + 1 and "*" not in pattern[-1] and _fits(pattern[:-1], group):
+    for pattern in _GROUPS:
+        if len(pattern) == len(group) + 1 and pattern[-1][0] != "<" and _fits(pattern[:-1], group):
             yield pattern[-1]
 
 
-def _fits(pattern: tuple[str, ...], group: tuple[str, ...]) -> bool:
+def _fits(pattern: Parts, group: Parts) -> bool:
     return len(pattern) == len(group) and all(
-        fnmatchcase(name, part) for part, name in zip(pattern, group, strict=True)
+        part == name or (part[0] == "<" and (part != "<record>" or name.startswith(RECORD)))
+        for part, name in zip(pattern, group, strict=True)
     )
