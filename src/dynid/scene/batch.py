@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from fractions import Fraction
 from functools import lru_cache
@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dynid.result import Variable
     from dynid.scene.load import Scene
+    from dynid.scene.yaml.source import Source
 
 
 # Memory that a process of samples keeps between them, bytes.
@@ -43,7 +45,11 @@ class NotShared(Exception):
 
 
 class SamplePlan(Protocol):
-    """What the samples of a scene share: made of the scene, the paths that vary and what is collected."""
+    """What the samples of a scene share.
+
+    It is made of the scene, the dotted paths that vary, and the paths, groups or patterns to collect; where
+    these share too little, that raises `NotShared`.
+    """
 
     def run(self, overrides: Overrides) -> SampleOutcomes:
         """Run samples; those that are to be run alone are pending."""
@@ -98,9 +104,13 @@ def run_batch(
     plan = _plan(template, paths, _requested(collect, expected)) if alike else ""
     outcomes = SampleOutcomes([], len(overrides)) if isinstance(plan, str) else plan.run(overrides)
     if judge is not None and expected:
-        outcomes = outcomes.with_expectations(
-            lambda block: judge(block, expected, template.kind, template.title)
-        ).with_values(lambda block: gather(block.result(0), collect))
+        outcomes = outcomes.mapped(
+            lambda block: replace(
+                block,
+                met=judge(block, expected, template.kind, template.title),
+                values={path: block.values[path] for path in gather(block.result(0), collect)},
+            )
+        )
     alone = [run_alone(template, overrides[row], collect, judge) for row in outcomes.pending]
     return outcomes.completed(alone)
 
@@ -179,6 +189,14 @@ def run_alone(
         return failed(template, f"this is a fault of dynid itself ({said}). Please report it", 3)
 
 
+def run_exemplar(scene: Scene, collect: tuple[str, ...]) -> Mapping[str, Variable]:
+    """Return what is collected of the scene as it stands, or raise `NotShared`."""
+    exemplar = run_alone(scene, {}, collect)
+    if exemplar.error:
+        raise NotShared("the scene as it stands cannot be run")
+    return exemplar.values
+
+
 def failed(template: Scene, error: str, exit_code: int) -> SampleOutcome:
     """Return the outcome of a failed sample, with the same message wherever it ran."""
     return SampleOutcome(error=error.replace(f"{template.folder}/", ""), exit_code=exit_code)
@@ -210,16 +228,39 @@ def _is_reference(parameter: Any, key: str) -> bool:
     return not bounded and key == reference_key(dict(parameter))
 
 
-def dependent_parameters(parameters: dict[Any, Any], varied: Collection[str]) -> dict[str, Expression]:
-    """Return the expressions of parameters that depend on varied ones, each after those that it needs."""
-    raw = reference_values(parameters)
-    texts = {name: parse(text) for name, text in raw.items() if isinstance(text, str)}
-    order = TopologicalSorter({name: text.names & texts.keys() for name, text in texts.items()})
-    dependent: dict[str, Expression] = {}
-    for name in order.static_order():
-        if name not in varied and texts[name].names & {*varied, *dependent}:
-            dependent[name] = texts[name]
-    return dependent
+class VariedNumbers:
+    """The parameters of samples: constant ones, those that are set, and those that depend on these.
+
+    Parameters
+    ----------
+    source
+        The scene.
+    fixed
+        The values of its parameters.
+    paths
+        The names of the parameters that vary, by the paths that set them.
+    """
+
+    def __init__(self, source: Source, fixed: Mapping[str, Number], paths: Mapping[str, str]) -> None:
+        self.fixed, self._paths = fixed, paths
+        raw = reference_values(source.data.get("parameters") or {})
+        texts = {name: parse(text) for name, text in raw.items() if isinstance(text, str)}
+        order = TopologicalSorter({name: text.names & texts.keys() for name, text in texts.items()})
+        #: The expressions of those that depend on varied ones, each after those that it needs.
+        self.dependent: dict[str, Expression] = {}
+        for name in order.static_order():
+            varied = {*paths.values(), *self.dependent}
+            if name not in varied and texts[name].names & varied:
+                self.dependent[name] = texts[name]
+
+    def at(self, overrides: Overrides) -> dict[str, Number | SampleColumn]:
+        """Return the values of samples by name; of parameters that vary one a sample."""
+        values: dict[str, Number | SampleColumn] = dict(self.fixed)
+        for path, name in self._paths.items():
+            values[name] = numbers([override[path] for override in overrides])
+        for name, expression in self.dependent.items():
+            values[name] = evaluate(expression, values, len(overrides))
+        return values
 
 
 def numbers(raw: Sequence[Any]) -> SampleColumn:

@@ -195,21 +195,10 @@ class SampleOutcomes(Sequence[SampleOutcome]):
         places = np.arange(start, min(stop, self._count))
         return self.picked(places, places)
 
-    def with_expectations(self, judged: Callable[[SampleBlock], NDArray[np.bool_]]) -> SampleOutcomes:
-        """Return the same with tested expectations of the samples that did not fail."""
+    def mapped(self, change: Callable[[SampleBlock], SampleBlock]) -> SampleOutcomes:
+        """Return the same with changed blocks of samples that did not fail."""
         return SampleOutcomes(
-            [block if block.errors else replace(block, met=judged(block)) for block in self.blocks],
-            self._count,
-        )
-
-    def with_values(self, kept: Callable[[SampleBlock], Iterable[str]]) -> SampleOutcomes:
-        """Return the same with some of the arrays of each block only."""
-        return SampleOutcomes(
-            [
-                replace(block, values={path: block.values[path] for path in kept(block)})
-                for block in self.blocks
-            ],
-            self._count,
+            [block if block.errors else change(block) for block in self.blocks], self._count
         )
 
     @cached_property

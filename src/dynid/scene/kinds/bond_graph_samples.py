@@ -7,28 +7,27 @@ values, whose cancellations are decided exactly.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from dynid.arithmetic.expression import Expression
-from dynid.arithmetic.numbers import Irrational, Number, to_fraction
+from dynid.arithmetic.numbers import Irrational, to_fraction
 from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
 from dynid.scene.batch import (
     NotShared,
     Overrides,
     SampleColumn,
-    dependent_parameters,
+    VariedNumbers,
     evaluate,
     numbers,
-    run_alone,
+    run_exemplar,
     varied_parameter,
 )
 from dynid.scene.kinds.bond_graph import named_in, question
 from dynid.scene.kinds.graph_parts import has_law
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
-from dynid.scene.schema.quantities import Quantity
 
 if TYPE_CHECKING:
     from dynid.scene.schema.bond_graph import BondGraphScene
@@ -51,101 +50,70 @@ def _varied(scene: Scene[BondGraphScene], path: str) -> VariedQuantity:
 
 
 class GraphSamples:
-    """Samples of one graph that differ in parameters, values of elements and stored energy.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    paths
-        The dotted paths of what varies.
-    collect
-        Paths, groups, or patterns of the arrays to compute.
-
-    Raises
-    ------
-    NotShared
-        If something else varies, or more is collected than what is computed together.
-    """
+    """Samples of one graph that differ in parameters, values of elements and stored energy."""
 
     def __init__(self, scene: Scene[BondGraphScene], paths: Sequence[str], collect: tuple[str, ...]) -> None:
         model = scene.model
         if model.operating_point is not None or any(map(has_law, model.graph.nodes.values())):
             raise NotShared("every sample has an operating point of its own")
-        self._varied = {path: _varied(scene, path) for path in paths}
+        varied = {path: _varied(scene, path) for path in paths}
         if model.design is not None:
             raise NotShared("every sample is designed by itself")
         graph, analysis = question(scene)
         if graph.field is not None:
             raise NotShared("values are irrational: their cancellations are decided for each sample")
-        exemplar = run_alone(scene, {}, collect)
-        if exemplar.error:
-            raise NotShared("the scene as it stands cannot be run")
-        self._paths = frozenset(exemplar.values)
-        names = {name for kind, name in self._varied.values() if kind == "parameter"}
-        self._expressions = dependent_parameters(scene.source.data.get("parameters") or {}, names)
-        names |= self._expressions.keys()
+        self._paths = frozenset(run_exemplar(scene, collect))
+        parameters = {path: name for path, (kind, name) in varied.items() if kind == "parameter"}
+        self._numbers = VariedNumbers(scene.source, scene.names.parameters, parameters)
+        names = {*parameters.values(), *self._numbers.dependent}
         nodes = model.graph.nodes.values()
         constant = [model.analysis.frequency, model.analysis.time, model.control]
         constant += [block for node in nodes for block in (node.matrix, node.structure, node.joints)]
         if not shared(self._paths, analysis) or any(names & set(named_in(block)) for block in constant):
             raise NotShared("what is collected is more than numbers of the channels and responses")
         self._binary = analysis.reading == "binary"
-        self._fixed = scene.names.parameters
-        self._values = _slots({name: node.value for name, node in model.graph.nodes.items()}, names)
-        self._stored = _slots({name: stored.f or stored.e for name, stored in model.initial.items()}, names)
+        quantities = {("value", name): node.value for name, node in model.graph.nodes.items()}
+        quantities |= {("stored", name): stored.f or stored.e for name, stored in model.initial.items()}
+        # Of each value and stored energy that varies, the path that sets it, or its expression.
+        self._origins: dict[VariedQuantity, str | Expression] = {
+            place: quantity.expression
+            for place, quantity in quantities.items()
+            if quantity is not None and quantity.expression is not None and quantity.expression.names & names
+        }
+        self._origins |= {place: path for path, place in varied.items() if place[0] != "parameter"}
         self._initial = dict(analysis.initial)
-        varying = [*self._values, *(name for kind, name in self._varied.values() if kind == "value")]
+        varying = dict.fromkeys(name for kind, name in self._origins if kind == "value")
         self._analysis = SampledAnalysis(
-            graph.rounded() if self._binary else graph, analysis, dict.fromkeys(varying), self._paths
+            graph.rounded() if self._binary else graph, analysis, varying, self._paths
         )
 
     def run(self, overrides: Overrides) -> SampleOutcomes:
         """Return the outcomes of samples; those that differ in more than numbers are pending."""
-        parameters, values, stored = self._quantities(overrides)
-        columns = [*parameters.values(), *values.values(), *stored.values()]
-        failed = {k for column in columns for k, value in enumerate(column) if value is None}
+        parameters = self._numbers.at(overrides)
+        columns: dict[VariedQuantity, list[Any]] = {}
+        for (kind, name), origin in self._origins.items():
+            if isinstance(origin, str):
+                column = numbers([override[origin] for override in overrides])
+            else:
+                column = evaluate(origin, parameters, len(overrides))
+            columns[kind, name] = _exact(column, binary=self._binary and kind == "value")
+        varied: list[list[Any]] = [column for column in parameters.values() if isinstance(column, list)]
+        failed = {
+            k for column in (*varied, *columns.values()) for k, value in enumerate(column) if value is None
+        }
         sound = [k for k in range(len(overrides)) if k not in failed]
-        exact = {name: [column[k] for k in sound] for name, column in values.items()}
-        initial = [self._initial | {name: column[k] for name, column in stored.items()} for k in sound]
+        exact, stored = (
+            {name: [column[k] for k in sound] for (kind, name), column in columns.items() if kind == place}
+            for place in ("value", "stored")
+        )
+        initial = [
+            self._initial | {name: column[k] for name, column in stored.items()} for k in range(len(sound))
+        ]
         outcomes: list[SampleOutcome | None] = [None] * len(overrides)
         for k, result in zip(sound, self._analysis.run(exact, len(sound), initial), strict=True):
             if result is not None and len(result) == len(self._paths):
                 outcomes[k] = SampleOutcome(result)
         return SampleOutcomes.of(outcomes)
-
-    def _quantities(self, overrides: Overrides) -> tuple[dict[str, list[Any]], ...]:
-        """Return varied parameters, values of elements and stored energies (both exact), one a sample."""
-        numbers_by_name: dict[str, Number | SampleColumn] = dict(self._fixed)
-        parameters: dict[str, SampleColumn] = {}
-        values: dict[str, list[Fraction | None]] = {}
-        stored: dict[str, list[Fraction | None]] = {}
-        for path, (kind, name) in self._varied.items():
-            column = numbers([override[path] for override in overrides])
-            match kind:
-                case "parameter":
-                    numbers_by_name[name] = parameters[name] = column
-                case "value":
-                    values[name] = _exact(column, binary=self._binary)
-                case _:
-                    stored[name] = _exact(column)
-        for name, expression in self._expressions.items():
-            numbers_by_name[name] = parameters[name] = evaluate(expression, numbers_by_name, len(overrides))
-        for name, expression in self._values.items():
-            if name not in values:
-                values[name] = _exact(
-                    evaluate(expression, numbers_by_name, len(overrides)), binary=self._binary
-                )
-        for name, expression in self._stored.items():
-            if name not in stored:
-                stored[name] = _exact(evaluate(expression, numbers_by_name, len(overrides)))
-        return parameters, values, stored
-
-
-def _slots(quantities: Mapping[str, Quantity | None], varied: Collection[str]) -> dict[str, Expression]:
-    """Return the expressions that depend on varied parameters."""
-    expressions = {name: quantity.expression for name, quantity in quantities.items() if quantity is not None}
-    return {name: text for name, text in expressions.items() if text is not None and text.names & set(varied)}
 
 
 def _exact(column: SampleColumn, *, binary: bool = False) -> list[Fraction | None]:

@@ -52,22 +52,7 @@ def _varied(model: IdentificationScene, path: str) -> _VariedValue:
 
 
 class IdentificationSamples:
-    """Samples of one identification from records that differ in seeds, noise, starts and true values.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    paths
-        The dotted paths of what varies.
-    collect
-        Paths, groups, or patterns of the arrays to compute.
-
-    Raises
-    ------
-    NotShared
-        If something else varies, or more is requested than an identification.
-    """
+    """Samples of one identification from records that differ in seeds, noise, starts and true values."""
 
     def __init__(
         self, scene: Scene[IdentificationScene], paths: Sequence[str], collect: tuple[str, ...]

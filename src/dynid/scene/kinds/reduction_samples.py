@@ -12,6 +12,7 @@ against the scene as it stands.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -31,10 +32,10 @@ from dynid.scene.batch import (
     NotShared,
     Overrides,
     SampleColumn,
-    dependent_parameters,
+    VariedNumbers,
     evaluate,
-    numbers,
     run_alone,
+    run_exemplar,
     varied_parameter,
 )
 from dynid.scene.kinds.parameters import with_quantities
@@ -99,44 +100,21 @@ def _leaf(values: Mapping[str, Array]) -> Callable[[Real], Any]:
     return lambda item: values[item.operands[0]] if isinstance(item, Dependent) else float(item)
 
 
+_OPERATIONS: dict[str, Callable[..., Any]] = {
+    **{"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "**": operator.pow},
+    **{"neg": operator.neg, "sqrt": np.sqrt},
+}
+
+
 def _operated(node: Dependent, operands: list[Any]) -> Any:
     """Return the result of an operation on numbers, or arrays of them."""
-    a, b = operands[0], operands[-1]
-    match node.operation:
-        case "+":
-            return a + b
-        case "-":
-            return a - b
-        case "*":
-            return a * b
-        case "/":
-            return a / b
-        case "**":
-            return a**b
-        case "neg":
-            return -a
-        case "sqrt":
-            return np.sqrt(a)
-    raise NotShared(f"the matrices take the function {node.operation} of what varies")
+    if node.operation not in _OPERATIONS:
+        raise NotShared(f"the matrices take the function {node.operation} of what varies")
+    return _OPERATIONS[node.operation](*operands)
 
 
 class ReductionSamples:
-    """Samples of one structure and its reductions.
-
-    Parameters
-    ----------
-    scene
-        The scene.
-    paths
-        The dotted paths of what varies.
-    collect
-        Paths, groups, or patterns of the arrays to compute.
-
-    Raises
-    ------
-    NotShared
-        If they cannot be run together.
-    """
+    """Samples of one structure and its reductions."""
 
     def __init__(self, scene: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> None:
         self._scene, self._collect = scene, collect
@@ -150,15 +128,11 @@ class ReductionSamples:
         self._bare = self._varying_matrices(joints=False)
         self._joints = self._varying_matrices(joints=True)
         self._responses = responses_of(model, self._structure)
-        reference = {path: float(self._fixed[name]) for path, name in self._parameters.items()}
+        reference = {path: float(self._numbers.fixed[name]) for path, name in self._parameters.items()}
         self._exemplars: dict[tuple[Choice, ...], Mapping[str, Variable] | None] = {}
-        exemplar = run_alone(scene, {}, collect)
-        if exemplar.error:
-            raise NotShared("the scene as it stands cannot be run")
+        exemplar = run_exemplar(scene, collect)
         located = methods_of(model)
-        self._requested = {
-            path: _array_at(path, variable, located) for path, variable in exemplar.values.items()
-        }
+        self._requested = {path: _array_at(path, variable, located) for path, variable in exemplar.items()}
         requested = {key for key in self._requested.values() if key is not None}
         self._responding = any(group == "frf" for group, _ in requested)
         self._names = {
@@ -170,7 +144,7 @@ class ReductionSamples:
         if damped and self._structure.modal:
             raise NotShared("modal damping is computed sample by sample")
         self._methods = {name: stacked(located[name].method, self._structure) for name in self._names}
-        self._check(reference, exemplar.values)
+        self._check(reference, exemplar)
 
     def _varying_matrices(self, *, joints: bool) -> list[_VaryingMatrix]:
         """Return M, C and K without the joints, or the joints' part of these."""
@@ -201,11 +175,11 @@ class ReductionSamples:
                 name = f"varied_value_{index}"
                 source = set_values(source, {f"parameters.{name}": value, path: name})
             self._parameters[path] = name
-        self._fixed = read_names(source)[0].parameters
-        if odd := next((path for path, name in self._parameters.items() if name not in self._fixed), ""):
+        fixed = read_names(source)[0].parameters
+        if odd := next((path for path, name in self._parameters.items() if name not in fixed), ""):
             raise NotShared(f"{odd} is no number of the structure or its joints")
-        free = {name: float(self._fixed[name]) for name in self._parameters.values()}
-        self._dependent = dependent_parameters(source.data.get("parameters") or {}, free)
+        free = {name: float(fixed[name]) for name in self._parameters.values()}
+        self._numbers = VariedNumbers(source, fixed, self._parameters)
         names = read_names(source, free=free)[0]
         try:
             model = ReductionScene.model_validate(with_text_keys(source.data), context=names)
@@ -314,17 +288,13 @@ class ReductionSamples:
     def _quantities(self, overrides: Overrides) -> tuple[dict[str, Array], NDArray[np.bool_]]:
         """Return the values of quantities by their expressions (samples), and where all are positive."""
         count = len(overrides)
-        numbers_by_name: dict[str, Number | SampleColumn] = dict(self._fixed)
-        for path, name in self._parameters.items():
-            numbers_by_name[name] = numbers([override[path] for override in overrides])
-        for name, expression in self._dependent.items():
-            numbers_by_name[name] = evaluate(expression, numbers_by_name, count)
+        parameters = self._numbers.at(overrides)
         sure = np.ones(count, dtype=bool)
         for name in self._parameters.values():  # also one that nothing depends on must have a value
-            sure &= np.array([value is not None for value in cast("SampleColumn", numbers_by_name[name])])
+            sure &= np.array([value is not None for value in cast("SampleColumn", parameters[name])])
         values = {}
         for text, expression in self._expressions.items():
-            column = np.array([_float(value) for value in evaluate(expression, numbers_by_name, count)])
+            column = np.array([_float(value) for value in evaluate(expression, parameters, count)])
             positive = np.isfinite(column) & (column > 0)
             values[text] = np.where(positive, column, float(1))
             sure &= positive
