@@ -11,6 +11,8 @@ import numpy as np
 from dynid.arrays import guarded
 from dynid.defaults import ESTIMATOR, FILTER_PASSES, HUBER
 from dynid.errors import NumericalError, UsageError
+from dynid.identification.identifiability import ExpectedRecords
+from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.number_format import counted
 from dynid.progress import report_progress
 from dynid.result import Result
@@ -20,13 +22,11 @@ from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.scene.kinds.planning import prospect
 from dynid.scene.kinds.signals import angular_frequencies, record_of
 from dynid.scene.load import Scene
+from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
 from dynid.scene.schema.raw import unit_of_frequencies
 from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
-    from dynid.identification.identifiability import ExpectedRecords
-    from dynid.identification.likelihood.likelihood import Likelihood
-    from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
     from dynid.structure.reduction.reduced_model import StructuralReduction
 
 #: Most states of a graph that are named.

@@ -2,39 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
+from dynid.arithmetic.dependent import Dual
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.analysis_request import Analysis, FormulaRequest, SensitivityParameter
+from dynid.bondgraph.controller_circuits import Loop
 from dynid.bondgraph.graph import FIELDS, BondGraph, GraphUnits
 from dynid.defaults import TRACED_PARTS
-from dynid.errors import NumericalError, Singular, UsageError
+from dynid.errors import Fault, NumericalError, Singular, UsageError
 from dynid.model_scope import wants_scope
+from dynid.result import Result
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph, has_law, with_gains
 from dynid.scene.kinds.signals import DrivenSource, angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.base import DefinedParameter
-from dynid.scene.schema.bond_graph import AnalysisModel, BondGraphScene
+from dynid.scene.schema.bond_graph import AnalysisModel, BondGraphScene, GraphModel
+from dynid.scene.schema.control import ControlModel
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.signals import SignalPart, StepSignal
+from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.suggestions import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from dynid.arithmetic.dependent import Dual
-    from dynid.bondgraph.controller_circuits import Loop
-    from dynid.errors import Fault
     from dynid.lti.generator import Signal
-    from dynid.result import Result
     from dynid.scene.run import PreparationStep
-    from dynid.scene.schema.bond_graph import GraphModel
-    from dynid.scene.schema.control import ControlModel
     from dynid.scene.schema.identification import IdentificationScene
-    from dynid.scene.yaml.parser import Path as KeyPath
 
 
 #: Groups under `bond_graph/` that hold the arrays of the results of an analysis.

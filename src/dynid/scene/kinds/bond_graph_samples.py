@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dynid.arithmetic.expression import Expression
 from dynid.arithmetic.numbers import Irrational, to_fraction
@@ -28,9 +28,7 @@ from dynid.scene.kinds.bond_graph import named_in, question
 from dynid.scene.kinds.graph_parts import has_law
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
-
-if TYPE_CHECKING:
-    from dynid.scene.schema.bond_graph import BondGraphScene
+from dynid.scene.schema.bond_graph import BondGraphScene
 
 VariedQuantity = tuple[str, str]
 """What a path sets, `parameter`, `value` (of an element) or `stored` (energy), and its name."""

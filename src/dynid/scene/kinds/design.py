@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from pydantic import ValidationError
 
 from dynid.bondgraph.design.design_request import Criterion, Design, RootTarget, Target
+from dynid.bondgraph.graph import Port
 from dynid.errors import SceneError, UsageError
+from dynid.parameters import Parameter
 from dynid.scene.kinds.graph_parts import build_graph, has_law
 from dynid.scene.kinds.parameters import quantities
 from dynid.scene.kinds.signals import angular_frequencies
@@ -17,18 +20,11 @@ from dynid.scene.load import Scene, check_source, with_text_keys
 from dynid.scene.schema.base import DefinedParameter, Section
 from dynid.scene.schema.bond_graph import BondGraphScene, GraphModel
 from dynid.scene.schema.control import ControlModel
+from dynid.scene.schema.design import DesignModel, DesignTarget
 from dynid.scene.schema.faults import located_faults
-from dynid.scene.schema.quantities import AT_KEY, Located
+from dynid.scene.schema.quantities import AT_KEY, Located, Quantity
 from dynid.scene.schema.raw import read_names
 from dynid.units import angular_factor
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from dynid.bondgraph.graph import Port
-    from dynid.parameters import Parameter
-    from dynid.scene.schema.design import DesignModel, DesignTarget
-    from dynid.scene.schema.quantities import Quantity
 
 
 def designed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:

@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.bondgraph.graph import SOURCES, STORAGES
 from dynid.errors import DynidError
@@ -17,8 +18,6 @@ from dynid.scene.schema.reduction import max_size, result_names
 from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from dynid.identification.records.measurement import Measurement
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import AnalysisModel, BondGraphScene

@@ -32,14 +32,13 @@ from dynid.scene.kinds.result_layout import (
     pattern_of,
 )
 from dynid.scene.schema.measurement import NoiseModel
-from dynid.scene.schema.study import paths_of
+from dynid.scene.schema.study import StudyScene, paths_of
 from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import AnalysisModel
     from dynid.scene.schema.identification import IdentificationScene
-    from dynid.scene.schema.study import StudyScene
 
 #: Attributes of a channel's properties that are named like one of these.
 _NOTES = frozenset({"hidden_mode_note", "approximate"})

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import count
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dynid.errors import FileError, UsageError
 from dynid.number_format import counted
-from dynid.scene.schema.measurement import AllOfFile
+from dynid.scene.schema.measurement import AllOfFile, MeasurementModel, RecordModel
+from dynid.scene.yaml.source import Source
 from dynid.suggestions import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
     from dynid.files.universal_file import UniversalFile, UniversalFunction
     from dynid.scene.load import Scene
     from dynid.scene.schema.identification import IdentificationScene
-    from dynid.scene.schema.measurement import MeasurementModel, RecordModel
     from dynid.scene.schema.modes import MatchModel, MeasuredModesModel
-    from dynid.scene.yaml.source import Source
     from dynid.structure.labels import Label, Nodes
     from dynid.structure.matching import Matching
     from dynid.structure.model import StructuralModel

@@ -11,12 +11,12 @@ from dynid.bondgraph.operating_point.element_laws import Law, LawGraph
 from dynid.bondgraph.operating_point.equilibrium import OperatingPointRequest, find_operating_point
 from dynid.bondgraph.operating_point.linearisation import Linearisation, linearised
 from dynid.scene.schema.laws import OperatingPointModel, variables_of
+from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.raw import law_variable
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import GraphModel, NodeModel
-    from dynid.scene.schema.quantities import Quantity
 
 _Gives = Literal["e", "f", "value"]
 

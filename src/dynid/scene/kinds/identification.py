@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from dynid.errors import Fault
 from dynid.identification.records.measurement import Experiment
 from dynid.model_scope import wants_scope
 from dynid.progress import report_progress
@@ -26,6 +28,8 @@ from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, re
 from dynid.scene.kinds.structures import add_doubts, idle_masses
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene, ResponseModes
+from dynid.scene.schema.reduction import ReductionModel
+from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.structure.model import StructuralModel
 from dynid.structure.ports import Channel
 from dynid.structure.response import frequency_response, time_response
@@ -33,15 +37,10 @@ from dynid.structure.state_space import without_massless
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from dynid.errors import Fault
     from dynid.identification.problem import SharedRecords
     from dynid.identification.systems.parametric_model import Model, Rebuild
     from dynid.scene.kinds.reduction import LocatedReductor
     from dynid.scene.run import PreparationStep
-    from dynid.scene.schema.reduction import ReductionModel
-    from dynid.scene.yaml.parser import Path as KeyPath
     from dynid.structure.reduction.mode_selection import Interest
 
 

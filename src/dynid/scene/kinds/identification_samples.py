@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 from dynid.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.errors import DynidError
@@ -22,11 +22,9 @@ from dynid.scene.kinds.identification import Setting, estimates_alone, identifie
 from dynid.scene.kinds.measurements import experiments
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes, gather
+from dynid.scene.schema.identification import IdentificationScene
 from dynid.scene.schema.quantities import Quantity
 from dynid.structure.model import StructuralModel
-
-if TYPE_CHECKING:
-    from dynid.scene.schema.identification import IdentificationScene
 
 
 class _VariedValue(NamedTuple):

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dynid.arithmetic.dependent import Real
 from dynid.errors import FileError, UsageError
+from dynid.lti.generator import RecordTimes
 from dynid.scene.kinds.signals import (
     angular_frequencies,
     build_signals,
@@ -17,18 +22,15 @@ from dynid.scene.kinds.signals import (
     recorded_factor,
 )
 from dynid.scene.kinds.structures import number
-from dynid.scene.schema.signals import FileSignal
+from dynid.scene.schema.base import Dof
+from dynid.scene.schema.quantities import Quantity
+from dynid.scene.schema.signals import FileSignal, SignalPart
+from dynid.structure.model import StructuralModel
 from dynid.structure.ports import Channel, Load
 from dynid.suggestions import shortened
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from dynid.arithmetic.dependent import Real
     from dynid.files.frequency_responses import MeasuredResponses
     from dynid.files.read_measured import MeasuredColumns
     from dynid.files.table import Heading
@@ -37,9 +39,7 @@ if TYPE_CHECKING:
     from dynid.identification.records.noise import ColouredNoise
     from dynid.identification.records.preparation import Preparation
     from dynid.identification.systems.graph_system import IdentifiedGraph
-    from dynid.lti.generator import RecordTimes
     from dynid.scene.load import Scene
-    from dynid.scene.schema.base import Dof
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.measurement import (
         ChannelModel,
@@ -48,9 +48,6 @@ if TYPE_CHECKING:
         RecordModel,
         ReferenceModel,
     )
-    from dynid.scene.schema.quantities import Quantity
-    from dynid.scene.schema.signals import SignalPart
-    from dynid.structure.model import StructuralModel
 
 
 def experiments(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import FileError, UsageError
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
     from dynid.scene.load import Scene
     from dynid.scene.schema.modes import MeasuredModesModel, ScatterModel

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 from pydantic import BaseModel
 
+from dynid.arithmetic.numbers import Number
 from dynid.errors import SceneError, UsageError
-from dynid.scene.schema.base import DefinedParameter
+from dynid.scene.schema.base import DefinedParameter, SceneModel
 from dynid.scene.schema.quantities import AT_KEY, Quantity
 
 if TYPE_CHECKING:
-    from dynid.arithmetic.numbers import Number
     from dynid.identification.results.write_result import Further
     from dynid.parameters import Parameter, ParameterPrior
     from dynid.scene.load import Scene
-    from dynid.scene.schema.base import SceneModel
     from dynid.scene.schema.identification import IdentificationScene
 
 

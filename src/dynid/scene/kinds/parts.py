@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.scene.kinds.parameters import all_parameters
 from dynid.scene.kinds.structures import (
@@ -15,21 +17,18 @@ from dynid.scene.kinds.structures import (
     joint_parameter,
     with_units,
 )
+from dynid.scene.schema.joints import Axes, AxesModel, JointModel
 from dynid.scene.schema.references import dof_faults
+from dynid.structure.joints import Joint
+from dynid.structure.labels import Label, Nodes
 from dynid.structure.model import StructuralModel
+from dynid.structure.named_dofs import Motion
 from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from dynid.arrays import Array
     from dynid.scene.load import Scene
     from dynid.scene.schema.identification import IdentificationScene
-    from dynid.scene.schema.joints import Axes, AxesModel, JointModel
     from dynid.scene.schema.parts import PointModel
-    from dynid.structure.joints import Joint
-    from dynid.structure.labels import Label, Nodes
-    from dynid.structure.named_dofs import Motion
     from dynid.structure.points import Point
 
 

@@ -20,9 +20,11 @@ from dynid.scene.schema.reduction import (
     JointAwareModel,
     MastersModel,
     ModesModel,
+    ReductionModel,
     ReductionScene,
     result_names,
 )
+from dynid.structure.model import StructuralModel
 from dynid.structure.ports import Channel
 from dynid.structure.reduction.masters import Masters
 from dynid.structure.reduction.methods import (
@@ -33,15 +35,13 @@ from dynid.structure.reduction.methods import (
     reduced_with_motions,
 )
 from dynid.structure.reduction.mode_selection import Interest, ModeRange
+from dynid.structure.reduction.reduced_model import StructuralReduction as Reduced
 from dynid.structure.reduction.serep import JointAware
 from dynid.structure.reduction_comparison import RequestedResponses, compare
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from dynid.scene.run import PreparationStep
-    from dynid.scene.schema.reduction import ReductionModel
-    from dynid.structure.model import StructuralModel
-    from dynid.structure.reduction.reduced_model import StructuralReduction as Reduced
 
 
 class LocatedReductor:

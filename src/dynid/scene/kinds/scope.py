@@ -10,12 +10,12 @@ from dynid.result import Result
 from dynid.scene.kinds.measurements import channel_of, result_name
 from dynid.scene.schema.base import ASPECTS
 from dynid.structure.geometry import add_motion, add_places, geometry
+from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.measurement import ChannelModel
     from dynid.scene.schema.reduction import ReductionScene
-    from dynid.structure.model import StructuralModel
     from dynid.structure.reduction.reduced_model import StructuralReduction
 
 

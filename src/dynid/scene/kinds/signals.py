@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from dynid.errors import FileError, UsageError
-from dynid.scene.schema.base import FrequencyGrid
+from dynid.scene.schema.base import FrequencyGrid, SensitivityModel
 from dynid.scene.schema.signals import (
     AmplitudePart,
     ChirpSignal,
@@ -25,14 +26,11 @@ from dynid.scene.schema.signals import (
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
     from numpy.typing import NDArray
 
     from dynid.files.table import Heading, TableLayout
     from dynid.lti.generator import RecordTimes, Signal
     from dynid.scene.load import Scene
-    from dynid.scene.schema.base import SensitivityModel
 
 
 def angular_frequencies(grid: FrequencyGrid) -> NDArray[np.float64]:

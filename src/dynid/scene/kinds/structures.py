@@ -2,44 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import DynidError, FileError, UsageError
-from dynid.parameters import ParameterPrior
+from pydantic import BaseModel
+
+from dynid.arithmetic.dependent import Real
+from dynid.errors import DynidError, Fault, FileError, UsageError
+from dynid.parameters import Parameter, ParameterPrior
 from dynid.scene.kinds.parameters import all_parameters, quantities
-from dynid.scene.schema.joints import ParameterModel
+from dynid.scene.schema.joints import JointModel, MassModel, ParameterModel
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.references import DOF, SIGNED_DOF, dof_faults, references
-from dynid.scene.schema.structure import StructureModel
+from dynid.scene.schema.structure import (
+    BeamModel,
+    DampingModel,
+    FileModel,
+    FrameModel,
+    LumpedModel,
+    MaterialModel,
+    MatricesModel,
+    SolidModel,
+    SpaceFrameModel,
+    StructureModel,
+)
 from dynid.structure.joints import Joint, JointParameter, unit_of
 from dynid.structure.labels import kind
 from dynid.suggestions import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from pydantic import BaseModel
-
-    from dynid.arithmetic.dependent import Real
-    from dynid.errors import Fault
-    from dynid.parameters import Parameter
     from dynid.result import Result
     from dynid.scene.load import Scene
-    from dynid.scene.schema.joints import JointModel, MassModel
-    from dynid.scene.schema.structure import (
-        BeamModel,
-        DampingModel,
-        FileModel,
-        FrameModel,
-        LumpedModel,
-        MaterialModel,
-        MatricesModel,
-        SolidModel,
-        SpaceFrameModel,
-    )
     from dynid.structure.damping import ModalDamping, ProportionalDamping
     from dynid.structure.model import StructuralModel
 

@@ -13,6 +13,7 @@ from dynid.scene.schema.study import (
     MAX_SAMPLES,
     Listed,
     Spread,
+    StudyFactor,
     StudyScene,
     Triangular,
     Uniform,
@@ -27,7 +28,6 @@ from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from dynid.result import Result
-    from dynid.scene.schema.study import StudyFactor
 
 
 def run(scene: Scene, _: Result | None = None) -> Result:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +22,6 @@ from dynid.scene.load import Scene
 from dynid.scene.yaml.writer import flow
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from dynid.scene.run import PreparationStep
     from dynid.scene.schema.quantities import Quantity
     from dynid.scene.schema.synthesis import SynthesisScene
