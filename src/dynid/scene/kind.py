@@ -13,52 +13,29 @@ class Kind:
 
     All but `name` and `template` are references, `module:name` or `module`, loaded when used. So a command
     loads only what it needs, and no layer imports a higher one. An empty reference: the kind has none.
-
-    Parameters
-    ----------
-    name
-        The value of the key `kind`.
-    template
-        The file in `dynid.templates` that `dynid new` writes.
-    model
-        The pydantic model of its scenes.
-    run
-        Function of a scene; returns its `Result`. Given a `Result` of a study's sample besides, it adds to it
-        what that wants, and computes little else.
-    explain
-        Function of a scene; returns its `Explanation`.
-    prepare
-        Function of a scene; yields the steps of its run that come before any computation.
-    complete
-        Function of a valid scene; returns its source with what files add to it, such as their channels.
-    check_valid
-        Function of a valid scene; raises the faults of it and of the scenes that it names.
-    doubts
-        Function of a valid scene; yields its parts that a run does not use, as faults that are warnings.
-    unread
-        Function of a valid scene; yields the keys whose files a run does not read.
-    samples
-        Function of a scene, the paths that vary and what is collected; returns the plan of the samples
-        (`dynid.scene.batch.SamplePlan`), or raises `NotShared`.
-    content
-        Module with `sections` and `method`: a result as facts and tables, for screens and pages.
-    alternatives
-        Mapping of the choices in a scene to functions that try their alternatives.
     """
 
-    name: str
-    template: str
-    model: str
+    name: str  #: The value of the key `kind`.
+    template: str  #: The file in `dynid.templates` that `dynid new` writes.
+    model: str  #: The pydantic model of its scenes.
+    #: Function of a scene; returns its `Result`. Given a `Result` of a study's sample besides, it adds to it
+    #: what that wants, and computes little else.
     run: str
-    explain: str = ""
-    prepare: str = ""
+    explain: str = ""  #: Function of a scene; returns its `Explanation`.
+    prepare: str = ""  #: Function of a scene; yields the steps of its run that come before any computation.
+    #: Function of a valid scene; returns its source with what files add to it, such as their channels.
     complete: str = ""
+    #: Function of a valid scene; raises the faults of it and of the scenes that it names.
     check_valid: str = ""
+    #: Function of a valid scene; yields its parts that a run does not use, as faults that are warnings.
     doubts: str = ""
-    unread: str = ""
+    unread: str = ""  #: Function of a valid scene; yields the keys whose files a run does not read.
+    #: Function of a scene, the paths that vary and what is collected; returns the plan of the samples
+    #: (`dynid.scene.batch.SamplePlan`), or raises `NotShared`.
     samples: str = ""
+    #: Module with `sections` and `method`: a result as facts and tables, for screens and pages.
     content: str = ""
-    alternatives: str = ""
+    alternatives: str = ""  #: Mapping of the choices in a scene to functions that try their alternatives.
 
     def load(self, attribute: str) -> Any:
         """Return the object that a reference names; None where the kind has none."""

@@ -20,45 +20,23 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class SampleOutcome:
-    """Outcome of one sample.
+    """Outcome of one sample."""
 
-    Parameters
-    ----------
-    values
-        The collected arrays by path, with the coordinates of their axes; empty where the sample failed.
-    error
-        Why it failed; empty where it did not.
-    exit_code
-        The exit code of `dynid run`: 0, 2 (the scene), 3 (numerics) or 4 (a file).
-    expectations
-        True for each `expect` of the scene that is met.
-    """
-
+    #: The collected arrays by path, with the coordinates of their axes; empty where the sample failed.
     values: Mapping[str, Variable] = field(default_factory=dict)
-    error: str = ""
-    exit_code: int = 0
-    expectations: tuple[bool, ...] = ()
+    error: str = ""  #: Why it failed; empty where it did not.
+    exit_code: int = 0  #: The exit code of `dynid run`: 0, 2 (the scene), 3 (numerics) or 4 (a file).
+    expectations: tuple[bool, ...] = ()  #: True for each `expect` of the scene that is met.
 
 
 @dataclass(frozen=True, eq=False)
 class SampleBlock:
-    """Samples with the same arrays, of the same shapes; or failed ones.
+    """Samples with the same arrays, of the same shapes; or failed ones."""
 
-    Parameters
-    ----------
-    rows
-        Their rows among all samples, ascending.
-    values
-        Their arrays by path, with the samples along the first axis.
-    errors, exit_codes
-        Message and exit code of each failed sample; empty where none failed.
-    met
-        True where a sample meets an expectation (sample x expectation).
-    """
-
-    rows: Indices
-    values: Mapping[str, Variable]
-    met: NDArray[np.bool_]
+    rows: Indices  #: Their rows among all samples, ascending.
+    values: Mapping[str, Variable]  #: Their arrays by path, with the samples along the first axis.
+    met: NDArray[np.bool_]  #: True where a sample meets an expectation (sample x expectation).
+    #: Message and exit code of each failed sample; empty where none failed.
     errors: tuple[str, ...] = ()
     exit_codes: tuple[int, ...] = ()
 

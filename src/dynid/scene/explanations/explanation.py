@@ -39,21 +39,11 @@ def node_facts(structure: StructuralModel) -> list[Fact]:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Explanation of a scene before it is run.
+    """Explanation of a scene before it is run."""
 
-    Parameters
-    ----------
-    result
-        Causality or identifiability, where a run has them, too.
-    facts
-        The rest in words, in the order of the work.
-    obstacle
-        The error that the run is bound to raise; None where none is known.
-    """
-
-    result: Result
-    facts: Sequence[Fact]
-    obstacle: DynidError | None = None
+    result: Result  #: Causality or identifiability, where a run has them, too.
+    facts: Sequence[Fact]  #: The rest in words, in the order of the work.
+    obstacle: DynidError | None = None  #: The error that the run is bound to raise; None where none is known.
 
 
 def explain(scene: Scene) -> Explanation:
@@ -90,24 +80,14 @@ class Report(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """Cost of a run by a trial.
+    """Cost of a run by a trial."""
 
-    Parameters
-    ----------
-    seconds
-        Its time without the start of the program, right within a factor of two where it is extrapolated.
-    megabytes
-        Peak memory of the process.
-    kilobytes
-        Size of the result's file; None where the trial was cut off before there was a result.
-    source
-        The origin of the figures in words, such as `measured by a trial run`.
-    """
-
+    #: Its time without the start of the program, right within a factor of two where it is extrapolated.
     seconds: float
-    megabytes: float
+    megabytes: float  #: Peak memory of the process.
+    #: Size of the result's file; None where the trial was cut off before there was a result.
     kilobytes: float | None
-    source: str
+    source: str  #: The origin of the figures in words, such as `measured by a trial run`.
 
 
 class _Enough(BaseException):

@@ -30,31 +30,19 @@ if TYPE_CHECKING:
 
 
 class BuiltGraph(NamedTuple):
-    """The bond graph of a scene, with its fields and structures expanded.
+    """The bond graph of a scene, with its fields and structures expanded."""
 
-    Parameters
-    ----------
-    graph
-        The graph.
-    outputs
-        The requested variables: at a port of a field or structure under the name that the scene gives it.
-    approximations
-        Structures that enter by a reduced model: what was kept and left out of them, and how.
-    opened, loops
-        Of a graph with feedback: the graph without it, and the loops.
-    linearisation
-        Of a graph with laws: its linearisation at the operating point, which `graph` is.
-    law_outputs
-        The requested variables, as the graph with laws has them.
-    """
-
-    graph: BondGraph
+    graph: BondGraph  #: The graph.
+    #: The requested variables: at a port of a field or structure under the name that the scene gives it.
     outputs: tuple[Port, ...]
+    #: Structures that enter by a reduced model: what was kept and left out of them, and how.
     approximations: tuple[ScopePart, ...]
+    #: Of a graph with feedback: the graph without it, and the loops.
     opened: BondGraph | None = None
     loops: tuple[Loop, ...] = ()
+    #: Of a graph with laws: its linearisation at the operating point, which `graph` is.
     linearisation: Linearisation | None = None
-    law_outputs: tuple[Port, ...] = ()
+    law_outputs: tuple[Port, ...] = ()  #: The requested variables, as the graph with laws has them.
 
 
 def build_graph(

@@ -13,15 +13,9 @@ from dynid.scene.kind import resolve
 
 @dataclass(frozen=True)
 class Later:
-    """Annotation of a field whose model is made ready, and its module loaded, at the first value of it.
+    """Annotation of a field whose model is made ready, and its module loaded, at the first value of it."""
 
-    Parameters
-    ----------
-    reference
-        The model as ``module:name``; default: the annotated class.
-    """
-
-    reference: str = ""
+    reference: str = ""  #: The model as ``module:name``; default: the annotated class.
 
     def model(self, annotated: Any = None) -> type[BaseModel]:
         """Return the model, loaded now."""

@@ -20,24 +20,13 @@ from dynid.suggestions import did_you_mean
 
 @dataclass(frozen=True)
 class Quantity:
-    """A resolved quantity.
+    """A resolved quantity."""
 
-    Parameters
-    ----------
-    value
-        Its value at the reference values of the parameters: exact where the expression is.
-    expression
-        The expression it was written as; None for a bare number.
-    dependent
-        The same as a function of unknown and considered parameters; None where it depends on none.
-    variable
-        Whether it depends on variables of the graph; then `value` is a placeholder.
-    """
-
-    value: Number
-    expression: Expression | None = None
+    value: Number  #: Its value at the reference values of the parameters: exact where the expression is.
+    expression: Expression | None = None  #: The expression it was written as; None for a bare number.
+    #: The same as a function of unknown and considered parameters; None where it depends on none.
     dependent: Dependent | None = field(default=None, compare=False)
-    variable: bool = False
+    variable: bool = False  #: Whether it depends on variables of the graph; then `value` is a placeholder.
 
     @property
     def real(self) -> Real:
@@ -55,39 +44,23 @@ class Quantity:
 
 @dataclass(frozen=True)
 class SceneNames:
-    """Meaning of the names in a scene, collected before it is validated.
+    """Meaning of the names in a scene, collected before it is validated."""
 
-    Parameters
-    ----------
-    parameters
-        Values of the parameters that have one; unknown and considered ones have their reference values.
-    dependent
-        Those that are unknown or considered, or depend on such.
-    signed
-        Parameters of `scale: linear`, which may be zero or negative.
-    linear
-        Whether laws are refused: the linear graph is identified.
-    identifying
-        Whether the scene identifies them, and its quantities depend on them; else these have their values.
-    faulty
-        Parameters that are defined but have no value; they are reported once, where they are defined.
-    nodes
-        Node types by name (bond graphs); empty where they could not be read, which is reported once.
-    references
-        References and setpoints of feedback loops, with the types of sources.
-    complete
-        Whether the parameters could be read at all; else any name may be one.
-    """
-
+    #: Values of the parameters that have one; unknown and considered ones have their reference values.
     parameters: Mapping[str, Number] = field(default_factory=dict)
+    #: Those that are unknown or considered, or depend on such.
     dependent: Mapping[str, Dependent] = field(default_factory=dict)
-    signed: frozenset[str] = frozenset()
-    linear: bool = False
+    signed: frozenset[str] = frozenset()  #: Parameters of `scale: linear`, which may be zero or negative.
+    linear: bool = False  #: Whether laws are refused: the linear graph is identified.
+    #: Whether the scene identifies them, and its quantities depend on them; else these have their values.
     identifying: bool = False
+    #: Parameters that are defined but have no value; they are reported once, where they are defined.
     faulty: frozenset[str] = frozenset()
+    #: Node types by name (bond graphs); empty where they could not be read, which is reported once.
     nodes: Mapping[str, str] = field(default_factory=dict)
+    #: References and setpoints of feedback loops, with the types of sources.
     references: Mapping[str, str] = field(default_factory=dict)
-    complete: bool = True
+    complete: bool = True  #: Whether the parameters could be read at all; else any name may be one.
 
     @property
     def variables(self) -> Mapping[str, str]:

@@ -33,30 +33,17 @@ _MAX_NAMES = 4 * MAX_DEPTH
 
 @dataclass(frozen=True)
 class Source:
-    """The text of a scene and its data.
+    """The text of a scene and its data."""
 
-    Parameters
-    ----------
-    file
-        The name under which faults are reported.
-    text
-        The text as read.
-    data
-        Texts, numbers, Booleans, nulls, lists and mappings. Aliases share their values, so that
-        nothing may be changed in place.
-    marks
-        The place of every path (keys, and list indices from 0); what stands below an alias has none.
-    overridden
-        Whether the data differ from the text.
-    written
-        Of a scene whose sub-models have been replaced by their nodes: the scene with the sub-models.
-    """
-
-    file: str
-    text: str
+    file: str  #: The name under which faults are reported.
+    text: str  #: The text as read.
+    #: Texts, numbers, Booleans, nulls, lists and mappings. Aliases share their values, so that nothing may be
+    #: changed in place.
     data: Any
+    #: The place of every path (keys, and list indices from 0); what stands below an alias has none.
     marks: dict[Path, Positions]
-    overridden: bool = False
+    overridden: bool = False  #: Whether the data differ from the text.
+    #: Of a scene whose sub-models have been replaced by their nodes: the scene with the sub-models.
     written: Source | None = None
 
     def fault(self, path: Iterable[Key], message: str, key: bool = False) -> Fault:
