@@ -10,7 +10,7 @@ import dynid
 from dynid.errors import SceneError
 from dynid.parameters import ParameterPrior
 from dynid.scene.batch import run_alone, run_batch, why_alone
-from dynid.scene.kinds.parameters import ConsideredParameter, considered_parameters, unknown_parameters
+from dynid.scene.kinds.parameters import all_parameters, unknown_parameters
 from dynid.scene.load import load_scene
 from dynid.scene.yaml.source import parse_source
 from dynid.scene.yaml.writer import dump
@@ -76,7 +76,8 @@ def test_unknown_parameters_are_read_in_the_order_of_the_scene():
 
 
 def test_considered_parameters_have_a_value_and_a_deviation():
-    assert considered_parameters(check(CHAIN).model) == (ConsideredParameter("m", 2.0, 0.02),)
+    mass = all_parameters(check(CHAIN).model)[-1]
+    assert (mass.name, mass.start, mass.true, mass.std) == ("m", 2.0, 2.0, 0.02)
 
 
 def test_a_quantity_is_a_function_of_the_parameters_that_it_names():

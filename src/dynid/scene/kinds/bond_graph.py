@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -11,13 +12,13 @@ from typing import TYPE_CHECKING, Any, cast
 from dynid.arithmetic.dependent import Dual
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.analysis_request import Analysis, FormulaRequest, SensitivityParameter
-from dynid.bondgraph.controller_circuits import Loop
 from dynid.bondgraph.graph import FIELDS, BondGraph, GraphUnits
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import Fault, NumericalError, Singular, UsageError
 from dynid.model_scope import wants_scope
 from dynid.result import Result
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph, has_law, with_gains
+from dynid.scene.kinds.parameters import quantities
 from dynid.scene.kinds.signals import DrivenSource, angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.base import DefinedParameter
@@ -139,26 +140,20 @@ def _unless_undecided(step: PreparationStep) -> None:
 
 def _check_sources(scene: Scene[BondGraphScene]) -> None:
     """Raise where sources contradict each other, so that the graph has no solution."""
+    from dynid.bondgraph.cut_loops import CutLoops
     from dynid.bondgraph.reduction.junctions import JunctionStructure
     from dynid.bondgraph.reduction.solvability import hold
 
     built, analysis = built_graph(scene), scene.model.analysis
     graph = built.graph
-    if built.opened is not None:
-        _check_loops(built.opened, built.loops)
+    if built.opened is not None:  # a loop may be algebraic, without a solution
+        cut = None
+        with suppress(Singular):  # what is wrong without loops is reported below
+            cut = CutLoops(built.opened, built.loops)
+        if cut is not None:
+            cut.check()
     outputs = () if analysis.asked() == {"causality"} else built.outputs  # causality needs no output's value
     hold(JunctionStructure(graph.rounded() if analysis.reading == "binary" else graph), outputs)
-
-
-def _check_loops(opened: BondGraph, loops: Sequence[Loop]) -> None:
-    """Raise where a loop is algebraic and has no solution; what is wrong without loops is found elsewhere."""
-    from dynid.bondgraph.cut_loops import CutLoops
-
-    try:
-        cut = CutLoops(opened, loops)
-    except Singular:
-        return
-    cut.check()
 
 
 #: The results that are computed at the frequencies, and at the instants, of an analysis.
@@ -170,9 +165,8 @@ def unused_grids(model: BondGraphScene | IdentificationScene, analysis: Analysis
     """Return the blocks of an analysis of a graph, frequency and time, with which nothing is computed."""
     asked, graph = analysis.asked(), cast("GraphModel", model.graph)
     banded = any(node.structure is not None for node in graph.nodes.values())  # reduced for the band
-    needs_frequencies = getattr(model, "design", None) is not None or "frequency_response" in (
-        getattr(model, "derived", None) or ()
-    )
+    derived = getattr(model, "derived", None) or ()
+    needs_frequencies = getattr(model, "design", None) is not None or "frequency_response" in derived
     margins = model.control is not None and "properties" in asked
     used = {
         "frequency": bool(asked & _AT_FREQUENCIES) or banded or margins or needs_frequencies,
@@ -256,11 +250,8 @@ def graph_analysis(
     inputs = tuple(
         requested.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf"))
     )
-    asked = requested.asked()
-    if (
-        requested.results is None
-        and sum(bool(node.part) for node in graph.nodes.values()) > TRACED_PARTS.value
-    ):
+    asked, parts_count = requested.asked(), sum(bool(node.part) for node in graph.nodes.values())
+    if requested.results is None and parts_count > TRACED_PARTS.value:
         asked -= {"reduction"}  # formulas of that many nodes are long, and nobody reads them
     signals: list[tuple[str, Signal]] = []
     apart = False
@@ -272,27 +263,22 @@ def graph_analysis(
         parts = list(requested.time.input) or ([] if model.initial else [StepSignal(kind="step")])
         units = GraphUnits(graph)
 
+        def sources(signal_model: SignalPart) -> Sequence[str]:
+            return inputs if signal_model.source is None else [signal_model.source]
+
         def driven(signal_model: SignalPart) -> DrivenSource:
-            input_units = {
-                units.of_input(name)
-                for name in ([signal_model.source] if signal_model.source is not None else inputs)
-            }
-            return DrivenSource(
-                signal_model.source or "the input", input_units.pop() if len(input_units) == 1 else ""
-            )
+            units_of_sources = {units.of_input(name) for name in sources(signal_model)}
+            unit = units_of_sources.pop() if len(units_of_sources) == 1 else ""
+            return DrivenSource(signal_model.source or "the input", unit)
 
         record = record_of(requested.time)
         for signal_model, signal in build_signals(scene, "analysis.time.input", parts, record, driven):
-            signals += [
-                (name, signal)
-                for name in ([signal_model.source] if signal_model.source is not None else inputs)
-            ]
+            signals += [(name, signal) for name in sources(signal_model)]
     if variables is None and "sensitivities" in asked:
-        values = ((name, node.value) for name, node in graph.nodes.items() if node.part != "control")
         variables = tuple(
-            SensitivityParameter(name, value, {name: Fraction(1)})
-            for name, value in values
-            if value is not None
+            SensitivityParameter(name, node.value, {name: Fraction(1)})
+            for name, node in graph.nodes.items()
+            if node.part != "control" and node.value is not None
         )
     return Analysis(
         inputs=inputs,
@@ -323,8 +309,7 @@ def built_graph(scene: Scene[BondGraphScene], control: ControlModel | None = Non
 
     `control` is its feedback where it is not taken as written.
     """
-    model = scene.model
-    analysis = model.analysis
+    model, analysis = scene.model, scene.model.analysis
     band = float(angular_frequencies(analysis.frequency)[-1]) if analysis.frequency else None
     feedback = control or model.control
     return build_graph(
@@ -381,14 +366,5 @@ def _parameters(
 
 def named_in(section: Any) -> set[str]:
     """Return the names in the quantities of a part of a scene at any depth."""
-    from pydantic import BaseModel
-
-    if isinstance(section, Quantity):
-        return set(section.expression.names) if section.expression is not None else set()
-    if isinstance(section, dict):
-        section = list(section.values())
-    if isinstance(section, list | tuple):
-        return set().union(*map(named_in, section))
-    return (
-        set().union(*(named_in(value) for _, value in section)) if isinstance(section, BaseModel) else set()
-    )
+    expressions = (quantity.expression for _, quantity in quantities(section))
+    return {name for expression in expressions if expression is not None for name in expression.names}

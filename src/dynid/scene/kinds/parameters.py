@@ -5,11 +5,10 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from pydantic import BaseModel
 
-from dynid.arithmetic.numbers import Number
 from dynid.errors import SceneError, UsageError
 from dynid.scene.schema.base import DefinedParameter, SceneModel
 from dynid.scene.schema.quantities import AT_KEY, Quantity
@@ -22,14 +21,6 @@ if TYPE_CHECKING:
 
 
 M = TypeVar("M", bound="SceneModel")
-
-
-class ConsideredParameter(NamedTuple):
-    """A parameter that is known with uncertainty: its value, and its standard deviation."""
-
-    name: str
-    value: float
-    std: float
 
 
 def unknown_parameters(model: SceneModel) -> tuple[Parameter, ...]:
@@ -68,15 +59,6 @@ def unknown_parameters(model: SceneModel) -> tuple[Parameter, ...]:
     )
 
 
-def considered_parameters(model: SceneModel) -> tuple[ConsideredParameter, ...]:
-    """Return the parameters of a scene that are known with uncertainty, in its order."""
-    return tuple(
-        ConsideredParameter(name, float(entry.value), float(entry.std))
-        for name, entry in model.parameters.items()
-        if isinstance(entry, DefinedParameter) and entry.value is not None and entry.std is not None
-    )
-
-
 def check_parameters(scene: Scene[IdentificationScene]) -> None:
     """Check the unknown parameters of an identification.
 
@@ -108,14 +90,10 @@ def all_parameters(model: SceneModel) -> tuple[Parameter, ...]:
     from dynid.parameters import Parameter
 
     considered = (
-        Parameter(
-            parameter.name,
-            parameter.value,
-            parameter.value,
-            scale="log" if parameter.value > 0 else "linear",
-            std=parameter.std,
-        )
-        for parameter in considered_parameters(model)
+        Parameter(name, value, value, scale="log" if value > 0 else "linear", std=float(entry.std))
+        for name, entry in model.parameters.items()
+        if isinstance(entry, DefinedParameter) and entry.value is not None and entry.std is not None
+        for value in (float(entry.value),)
     )
     return (*unknown_parameters(model), *considered)
 
@@ -149,19 +127,14 @@ def at_starts(model: M) -> M:
         for name, entry in model.parameters.items()
         if isinstance(entry, DefinedParameter) and entry.start is not None and entry.true is not None
     }
-    return cast("M", _referred(model, starts)) if starts else model
-
-
-def _referred(section: Any, values: Mapping[str, Number]) -> Any:
-    """Return a part of a scene with other reference values of parameters."""
 
     def changed(quantity: Quantity) -> Quantity:
-        if quantity.dependent is None or quantity.dependent.names.isdisjoint(values):
+        if quantity.dependent is None or quantity.dependent.names.isdisjoint(starts):
             return quantity
-        dependent = quantity.dependent.referred(values)
+        dependent = quantity.dependent.referred(starts)
         return Quantity(dependent.reference, quantity.expression, dependent)
 
-    return with_quantities(section, changed)
+    return cast("M", with_quantities(model, changed)) if starts else model
 
 
 def with_quantities(section: Any, change: Callable[[Quantity], Quantity]) -> Any:
@@ -187,13 +160,11 @@ def _number(quantity: Quantity | None) -> float | None:
 def _prior(entry: DefinedParameter) -> ParameterPrior | None:
     from dynid.parameters import ParameterPrior
 
-    prior = entry.prior
-    if prior is None:
+    if (prior := entry.prior) is None:
         return None
-    if prior.relative_deviation is not None:
-        return ParameterPrior(float(prior.value), float(prior.relative_deviation))
-    assert prior.std is not None
-    return ParameterPrior(float(prior.value), deviation=float(prior.std))
+    deviations = {"relative_deviation": prior.relative_deviation, "deviation": prior.std}
+    stated = {key: float(value) for key, value in deviations.items() if value is not None}
+    return ParameterPrior(float(prior.value), **stated)
 
 
 #: Module and class of every estimator; only the requested one is imported.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -103,18 +103,8 @@ def bare_structure(
 ) -> StructuralModel:
     """Return a structure without joints; errors name the place of its part in the scene."""
     with located(path, structure):
-        if structure.lumped is not None:
-            return _lumped(structure.lumped, parameters)
-        if structure.beam is not None:
-            return _beam(structure.beam, parameters)
-        if structure.frame is not None:
-            return _frame(structure.frame, parameters)
-        if structure.space_frame is not None:
-            return _space_frame(structure.space_frame, parameters)
-        if structure.solid is not None:
-            return _solid(folder, structure.solid, parameters)
-        assert structure.matrices is not None
-        return _matrices(folder, structure.matrices, parameters)
+        kind = structure.kind
+        return _BUILDERS[kind](folder, getattr(structure, kind), parameters)
 
 
 @contextmanager
@@ -123,7 +113,7 @@ def located(path: str, structure: StructureModel) -> Iterator[None]:
     try:
         yield
     except DynidError as error:
-        kind = next(kind for kind in StructureModel.model_fields if getattr(structure, kind) is not None)
+        kind = structure.kind
         keys = type(getattr(structure, kind)).model_fields
         inside = [f"{path}.{kind}.{name}" for name in error.names if name.split(".")[0] in keys]
         error.names = (*inside[:1], *error.names, f"{path}.{kind}")
@@ -155,7 +145,7 @@ def with_units(
     if not parameters:
         return ()
     units: dict[str, set[str]] = {}
-    for quantity, unit in (*_with_stated_units(structures), *_of_joints(structures, joints)):
+    for quantity, unit in (*_of_structures(structures), *_of_joints(structures, joints)):
         if quantity is not None and quantity.dependent is not None and not quantity.dependent.operation:
             units.setdefault(quantity.dependent.operands[0], set()).add(unit)
     return tuple(
@@ -166,22 +156,25 @@ def with_units(
     )
 
 
-def _with_stated_units(structures: Sequence[StructureModel]) -> Iterator[tuple[Quantity | None, str]]:
+def _of_structures(structures: Sequence[StructureModel]) -> Iterator[tuple[Quantity | None, str]]:
     """Yield the quantities of structures with their units."""
     for structure in structures:
-        for key, quantity in quantities(structure):
-            if key in _UNITS:
-                yield quantity, _UNITS[key]
-        for item, kinds in _springs(structure):
-            yield item.k, unit_of("k", kinds)
-            yield item.c, unit_of("c", kinds)
+        yield from ((quantity, _UNITS[key]) for key, quantity in quantities(structure) if key in _UNITS)
+        model = structure.beam or structure.frame or structure.space_frame
+        springs = [(item, [kind(item.direction + "_1")]) for item in (model.springs if model else ())]
+        links: list[Any] = structure.lumped.links if structure.lumped else []
+        for item, kinds in (*springs, *((link, []) for link in links)):
+            yield from ((item.k, unit_of("k", kinds)), (item.c, unit_of("c", kinds)))
 
 
 def _of_joints(
     structures: Sequence[StructureModel], joints: Mapping[str, JointModel]
 ) -> Iterator[tuple[Quantity | None, str]]:
     """Yield the values of joints with their units."""
-    labels = _labels_in_file(structures[0]) if len(structures) == 1 else []
+    labels: Sequence[int | str] = []  # as far as the scene states or determines them
+    if len(structures) == 1:
+        stated = structures[0].matrices.labels if structures[0].matrices else None
+        labels = stated if isinstance(stated, list) else structures[0].labels() or []
     point_masses = all(structure.lumped for structure in structures)
     for joint in joints.values():
         ends = [
@@ -197,27 +190,14 @@ def _of_joints(
                 yield values.value, unit_of(letter, kinds)
 
 
-def _labels_in_file(structure: StructureModel) -> Sequence[int | str]:
-    """Return the labels of DOFs that the scene states or determines; empty where files have them."""
-    stated = structure.matrices.labels if structure.matrices else None
-    return stated if isinstance(stated, list) else structure.labels() or []
-
-
-def _springs(structure: StructureModel) -> Iterator[tuple[Any, list[str]]]:
-    """Yield the springs to ground and links of a structure, with the kinds of their DOFs."""
-    model = structure.beam or structure.frame or structure.space_frame
-    yield from ((item, [kind(item.direction + "_1")]) for item in (model.springs if model else ()))
-    yield from ((link, []) for link in (structure.lumped.links if structure.lumped else ()))
-
-
-def _lumped(model: LumpedModel, parameters: Sequence[Parameter]) -> StructuralModel:
+def _lumped(_: Path, model: LumpedModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.lumped import Link, lumped
 
     links = [Link(tuple(int(dof) for dof in link.dofs), _real(link.k), _real(link.c)) for link in model.links]
     return lumped([mass.real for mass in model.masses], links, parameters=parameters)
 
 
-def _beam(model: BeamModel, parameters: Sequence[Parameter]) -> StructuralModel:
+def _beam(_: Path, model: BeamModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.frame import beam
 
     return beam(
@@ -231,7 +211,7 @@ def _beam(model: BeamModel, parameters: Sequence[Parameter]) -> StructuralModel:
     )
 
 
-def _frame(model: FrameModel, parameters: Sequence[Parameter]) -> StructuralModel:
+def _frame(_: Path, model: FrameModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.frame import Member, frame
 
     members = [
@@ -249,7 +229,7 @@ def _frame(model: FrameModel, parameters: Sequence[Parameter]) -> StructuralMode
     return frame(points, members, **_attached(model), damping=_damping(model.damping), parameters=parameters)
 
 
-def _space_frame(model: SpaceFrameModel, parameters: Sequence[Parameter]) -> StructuralModel:
+def _space_frame(_: Path, model: SpaceFrameModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.assembly import Spring, Support
     from dynid.structure.space_frame import RigidMass, SpaceMember, space_frame
 
@@ -371,6 +351,16 @@ def _matrices(folder: Path, model: MatricesModel, parameters: Sequence[Parameter
     )
 
 
+_BUILDERS: dict[str, Callable[[Path, Any, Sequence[Parameter]], StructuralModel]] = {
+    "lumped": _lumped,
+    "beam": _beam,
+    "frame": _frame,
+    "space_frame": _space_frame,
+    "solid": _solid,
+    "matrices": _matrices,
+}
+
+
 def add_doubts(result: Result, structure: StructuralModel) -> None:
     """Add the sentences on what contradicts the nodes of a structure."""
     if structure.nodes is not None and structure.nodes.doubts:
@@ -405,10 +395,8 @@ def _parameter(parameter: ParameterModel | MassModel | None) -> JointParameter |
     value = None if parameter.value is None else parameter.value.real
     if not isinstance(parameter, ParameterModel):
         return JointParameter(value, matrix=matrix)
-    start, true, low, high = (
-        (None if quantity is None else float(quantity))
-        for quantity in (parameter.start, parameter.true, parameter.min, parameter.max)
-    )
+    keys = (parameter.start, parameter.true, parameter.min, parameter.max)
+    start, true, low, high = (None if quantity is None else float(quantity) for quantity in keys)
     prior = None
     if parameter.prior is not None:
         prior = ParameterPrior(float(parameter.prior.value), float(parameter.prior.relative_deviation))

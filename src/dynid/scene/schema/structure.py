@@ -453,6 +453,11 @@ class StructureModel(Section):
         return model.labels() if model else None
 
     @property
+    def kind(self) -> str:
+        """The kind of structure that it is."""
+        return next(kind for kind in StructureModel.model_fields if getattr(self, kind) is not None)
+
+    @property
     def nodes(self) -> int:
         """The number of nodes of a beam or frame that may be named; 0 of other structures."""
         frame = self.frame or self.space_frame
