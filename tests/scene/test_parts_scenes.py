@@ -8,7 +8,8 @@ import pytest
 import dynid
 from dynid.errors import DynidError, SceneError
 from dynid.scene.identified import identified_scene
-from dynid.scene.kinds.identification import preparation_steps, reductor_of, structure_of
+from dynid.scene.kinds.identification import preparation_steps, reductor_of
+from dynid.scene.kinds.parts import structure_of
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 

@@ -8,8 +8,9 @@ from scipy.io import savemat
 
 from dynid.errors import DynidError, UsageError
 from dynid.scene.explanations.explanation import explain
-from dynid.scene.kinds.identification import preparation_steps, structure_of
+from dynid.scene.kinds.identification import preparation_steps
 from dynid.scene.kinds.modes import modal_measurement
+from dynid.scene.kinds.parts import structure_of
 from dynid.scene.kinds.planning import run_plan
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene

@@ -34,11 +34,11 @@ from dynid.scene.kinds.identification import (
     reduction_of,
     reductor_of,
     responding_structure,
-    structure_of,
     time_question,
     which_modes,
 )
 from dynid.scene.kinds.identified_graphs import identified_graph
+from dynid.scene.kinds.parts import structure_of
 from dynid.scene.load import Scene, check_source
 from dynid.scene.run import run_scene
 from dynid.scene.schema.base import ASPECTS as NAMES

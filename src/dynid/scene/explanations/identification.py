@@ -17,8 +17,9 @@ from dynid.number_format import counted
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.explanations.explanation import Explanation, Fact, node_facts
-from dynid.scene.kinds.identification import expected_values, interest_of, reductor_of, structure_of
+from dynid.scene.kinds.identification import expected_values, interest_of, reductor_of
 from dynid.scene.kinds.identified_graphs import identified_graph
+from dynid.scene.kinds.parts import structure_of
 from dynid.scene.kinds.planning import prospect
 from dynid.scene.kinds.signals import angular_frequencies, record_of
 from dynid.scene.load import Scene

@@ -103,7 +103,7 @@ def structure_in(scene: Scene) -> StructuralModel:
         from dynid.scene.kinds.structures import build_structure
 
         return build_structure(scene, scene.model.structure, scene.model.joints)
-    from dynid.scene.kinds.identification import structure_of
+    from dynid.scene.kinds.parts import structure_of
 
     return structure_of(scene)
 

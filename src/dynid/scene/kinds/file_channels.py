@@ -45,7 +45,7 @@ def completed(scene: Scene[IdentificationScene]) -> Source:
     shaped = _names_nodes(scene, measurement.modes)
     if not (channels or shaped):
         return scene.source
-    from dynid.scene.kinds.identification import structure_of
+    from dynid.scene.kinds.parts import structure_of
 
     if model.graph is not None:
         raise UsageError(

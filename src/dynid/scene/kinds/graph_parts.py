@@ -9,6 +9,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 from dynid.arithmetic.dependent import Dependent, Real, substituted
+from dynid.arithmetic.expression import parse
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import Number
 from dynid.bondgraph.controller_circuits import Loop
@@ -16,8 +17,9 @@ from dynid.bondgraph.field_expansion import Expansion, FieldType, expand_couplin
 from dynid.bondgraph.graph import TWO_PORTS, Bond, BondGraph, Node, NodeType, Port
 from dynid.errors import DynidError
 from dynid.model_scope import ScopePart
+from dynid.scene.schema.laws import variables_of
 from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.raw import STRUCTURE
+from dynid.scene.schema.raw import STRUCTURE, law_variable
 
 if TYPE_CHECKING:
     from dynid.bondgraph.analysis_request import Reading
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from dynid.bondgraph.operating_point.linearisation import Linearisation
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import GraphModel, NodeModel
-    from dynid.scene.schema.control import ControllerModel, ControlModel, LoopModel, PidModel
+    from dynid.scene.schema.control import ControlModel, LoopModel, PidModel
     from dynid.scene.schema.laws import OperatingPointModel
 
 
@@ -89,10 +91,10 @@ def build_graph(
     nonlinear = point is not None or any(has_law(node) for node in graph.nodes.values())
     laws: dict[str, Law] = {}
     if nonlinear:
-        from dynid.scene.kinds.graph_laws import law_variables, laws_of
-
-        laws = laws_of(scene, graph)
-        measured += law_variables(scene, graph, point)
+        laws = _laws_of(scene, graph)
+        measured += [port for law in laws.values() for port in law.ports]
+        given = () if point is None else (point.values, point.start, point.search.ranges)
+        measured += [_port(name) for values in given for name in values]
     for output in dict.fromkeys([*outputs, *measured]):
         holder, _, port = output.node.rpartition(".")
         requested[holder][port].append(output.quantity)
@@ -126,9 +128,7 @@ def build_graph(
     asked = tuple(variables.get(str(output), output) for output in outputs)
     built = BuiltGraph(BondGraph(nodes, bonds), asked, tuple(approximations))
     if nonlinear:
-        from dynid.scene.kinds.graph_laws import linear_graph
-
-        linear = linear_graph(built.graph, laws, point, variables)
+        linear = _linear_graph(built.graph, laws, point, variables)
         asked = tuple(linear.variables.get(output, output) for output in asked)
         variables |= {str(port): variable for port, variable in linear.variables.items()}
         built = built._replace(
@@ -212,10 +212,9 @@ def _expand_structure(
         reduced = reductor.reduce(model)
         expand_modes(expansion, reduced, ports, requested, node.domain or "", outward)
     except DynidError as error:
-        first = [
-            name for name in error.names if name.partition(".")[0] in ("structure", "reduction", "joints")
-        ]
-        error.names = (*(f"{path}.{name}" for name in first), expansion.name, *error.names)
+        inside = ("structure", "reduction", "joints")
+        within = [f"{path}.{name}" for name in error.names if name.partition(".")[0] in inside]
+        error.names = (*within, expansion.name, *error.names)
         raise
     kept = reduced.model.size
     how = f"{node.reduction.method} reduction of {model.size} DOFs"
@@ -226,27 +225,16 @@ def _expand_structure(
 
 def _loop(loop: LoopModel, measured: Port, index: int) -> Loop:
     """Return the loop at a place in the scene, which measures a variable of the graph."""
-    controller = loop.controller
-    path = f"control.loops.{index}"
-    return Loop(
-        measured,
-        loop.source,
-        *_controller(controller),
-        loop.reference,
-        _number(controller.delay),
-        path,
-        loop.setpoint,
-    )
-
-
-def _controller(controller: ControllerModel) -> tuple[list[Real], list[Real]]:
+    controller, path = loop.controller, f"control.loops.{index}"
+    quotient: tuple[list[Real], list[Real]]
     if controller.pid is not None:
-        return _pid(controller.pid)
-    if controller.numerator is not None and controller.denominator is not None:
-        return [_number(entry) for entry in controller.numerator], [
-            _number(entry) for entry in controller.denominator
-        ]
-    return [_number(controller.gain)], [Fraction(1)]
+        quotient = _pid(controller.pid)
+    elif controller.numerator is not None and controller.denominator is not None:
+        quotient = [*map(_number, controller.numerator)], [*map(_number, controller.denominator)]
+    else:
+        quotient = [_number(controller.gain)], [Fraction(1)]
+    delay = _number(controller.delay)
+    return Loop(measured, loop.source, *quotient, loop.reference, delay, path, loop.setpoint)
 
 
 def _pid(pid: PidModel) -> tuple[list[Real], list[Real]]:
@@ -290,3 +278,79 @@ def _dependent(section: Any, path: str, dependents: Mapping[str, Dependent]) -> 
         values = {name: _dependent(value, f"{path}.{name}", dependents) for name, value in section}
         return section.model_copy(update=values)
     return section
+
+
+def _laws_of(scene: Scene, graph: GraphModel) -> dict[str, Law]:
+    """Return the laws of the nodes of a graph."""
+    from dynid.bondgraph.operating_point.element_laws import Law
+
+    laws: dict[str, Law] = {}
+    names = scene.names
+    for name, node in graph.nodes.items():
+        if law := _law_of(node):
+            gives, text = law
+            expression = parse(text)
+            variable = law_variable(node.type, gives)
+            variables = {variable: Port(name, variable)} if variable in expression.names else {}  # type: ignore[arg-type]
+            variables |= {
+                key: port for key, port in variables_of(expression, names.nodes).items() if key != variable
+            }
+            constants = {
+                key: names.parameters[key] for key in expression.names - variables.keys() if key != "pi"
+            }
+            laws[name] = Law(gives, expression, constants, variables)
+    return laws
+
+
+def _law_of(node: NodeModel) -> tuple[Literal["e", "f", "value"], str] | None:
+    """Return what the law of a node gives, and its text; None of a node that has a value."""
+    if node.law is not None:
+        return ("e", node.law.e) if node.law.e is not None else ("f", cast("str", node.law.f))
+    if node.value is not None and node.value.variable:
+        assert node.value.expression is not None
+        return "value", node.value.expression.text
+    return None
+
+
+def _linear_graph(
+    graph: BondGraph,
+    laws: Mapping[str, Law],
+    point: OperatingPointModel | None,
+    variables: Mapping[str, Port],
+) -> Linearisation:
+    """Return a graph with laws, linearised at its operating point.
+
+    Without a point it is the equilibrium with all sources zero. `variables` are those at ports of fields and
+    structures, which have other names in the graph. Raises `NumericalError` where there is no equilibrium, or
+    a law has no slope there.
+    """
+    from dynid.bondgraph.operating_point.element_laws import LawGraph
+    from dynid.bondgraph.operating_point.equilibrium import OperatingPointRequest, find_operating_point
+    from dynid.bondgraph.operating_point.linearisation import linearised
+    from dynid.scene.schema.laws import OperatingPointModel
+
+    def at(name: str) -> Port:
+        return variables.get(name, _port(name))
+
+    renamed = {
+        name: replace(
+            law, variables={key: variables.get(str(port), port) for key, port in law.variables.items()}
+        )
+        for name, law in laws.items()
+    }
+    point = point or OperatingPointModel()
+    request = OperatingPointRequest(
+        inputs={name: value.exact for name, value in point.inputs.items()},
+        values={at(name): value.exact for name, value in point.values.items()},
+        start={at(name): value.exact for name, value in point.start.items()},
+        starts=point.search.starts,
+        seed=point.search.seed,
+        ranges={at(name): (float(low), float(high)) for name, (low, high) in point.search.ranges.items()},
+        choose=point.choose,
+    )
+    return linearised(find_operating_point(LawGraph(graph, renamed), request))
+
+
+def _port(name: str) -> Port:
+    node, _, quantity = name.rpartition(".")
+    return Port(node, quantity)  # type: ignore[arg-type]

@@ -22,7 +22,7 @@ from dynid.scene.kinds.measurements import (
     result_name,
 )
 from dynid.scene.kinds.parameters import at_starts, estimator_of, further_of
-from dynid.scene.kinds.parts import build_assembly
+from dynid.scene.kinds.parts import structure_of
 from dynid.scene.kinds.scope import add_geometry, add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
 from dynid.scene.kinds.structures import add_doubts, idle_masses
@@ -91,12 +91,6 @@ def estimates_alone(model: IdentificationScene, sample: Result) -> bool:
     return not (sample.wants_below("structure") or wants_scope(sample, "identification"))
 
 
-def structure_of(scene: Scene[IdentificationScene]) -> StructuralModel:
-    """Return the structure of an identification, with its joints."""
-    model = scene.model
-    return build_assembly(scene, model)
-
-
 def responding_structure(scene: Scene) -> tuple[StructuralModel, dict[str, float]]:
     """Return the structure of the responses, reduced where the scene has a reduction, and its unknowns.
 
@@ -135,34 +129,25 @@ def setting(
     model = scene.model
     assert model.measurement is not None
     measurements = measurements_of(scene, structure)
-    rebuild = _rebuilder(scene, structure)
     if not (model.is_reduced or model.measurement.frf is not None or model.measurement.modes_alone):
-        dofs = [
-            dof
-            for measurement in measurements
-            if isinstance(measurement, Experiment)
-            for dof in measurement.dofs
-        ]
-        structure = without_massless(structure, dofs)
-    reduced, truth = _models_of(scene, structure, values)
-    return Setting(reduced, measurements, truth, rebuild)
-
-
-def _models_of(
-    scene: Scene[IdentificationScene], structure: StructuralModel, values: Mapping[str, float] | None = None
-) -> tuple[StructuralModel, StructuralModel]:
-    """Return the models of the estimator and of the simulation; `values` as of `setting`."""
-    model = scene.model
+        measured = (measurement for measurement in measurements if isinstance(measurement, Experiment))
+        structure = without_massless(structure, [dof for record in measured for dof in record.dofs])
     method = reductor_of(scene)
     if method is None:
-        return structure, structure
-    assert model.measurement is not None
+        return Setting(structure, measurements, structure)
     truth, records = structure, model.measurement.each
     simulate = (records[0].frf.simulate if records[0].frf else records[0].simulate) if records else None
     if simulate is not None and simulate.model == "reduced":
         truth = method.at(structure.true_values()).reduce(structure).model
+    full = started(scene, structure)
     reductor = method if values is None else method.at(values)
-    return reductor.reduce(started(scene, structure)).model, truth
+    rebuild: Rebuild | None = None
+    if method.follows_joints:
+
+        def rebuild(values: Mapping[str, float]) -> Any:
+            return method.at(values).reduce(full).model
+
+    return Setting(reductor.reduce(full).model, measurements, truth, rebuild)
 
 
 def expected_values(structure: StructuralModel) -> dict[str, float]:
@@ -316,15 +301,6 @@ def interest_of(scene: Scene[IdentificationScene]) -> Interest:
     return Interest(tuple(dict.fromkeys(dof for dof in dofs if dof is not None)), band)
 
 
-def _rebuilder(scene: Scene, full: StructuralModel) -> Rebuild | None:
-    """Return the function that recomputes a basis that follows the joints; None for other bases."""
-    method = reductor_of(scene)
-    if method is None or not method.follows_joints:
-        return None
-    structure = started(scene, full)
-    return lambda values: method.at(values).reduce(structure).model
-
-
 #: The note on a time response that the excitation of the scene does not drive.
 _FREE = (
     "the free response to the initial motion; the excitation is the record's, and a response that it drives "
@@ -348,9 +324,8 @@ def responses(
         report_progress("modes")
         result.merge(modal_analysis(structure, *which_modes(requested.modes), values))
     if requested.frequency is not None:
-        driven = [
-            signal.dof for signal in model.excitation if signal.dof is not None and signal.motion is None
-        ]
+        forces = (signal for signal in model.excitation if signal.motion is None)
+        driven = [force.dof for force in forces if force.dof is not None]
         sensors = model.measurement.sensors if model.measurement else []
         driven += [channel.reference.place for channel in sensors if channel.reference]
         inputs = list(dict.fromkeys(result_name(structure, dof) for dof in requested.inputs or driven))
@@ -376,11 +351,10 @@ def time_question(
     requested = model.responses
     assert requested is not None
     assert requested.time is not None
-    record, signals = record_of(requested.time), requested.time.input
-    if signals or model.initial:
-        loads = loads_of(scene, "analysis.time.input", signals, record, structure)
-    else:
-        loads = loads_of(scene, "excitation", model.excitation, record, structure)
+    record, signals, where = record_of(requested.time), requested.time.input, "analysis.time.input"
+    if not (signals or model.initial):
+        signals, where = model.excitation, "excitation"
+    loads = loads_of(scene, where, signals, record, structure)
     return {
         "loads": loads,
         "outputs": _outputs(model, structure),

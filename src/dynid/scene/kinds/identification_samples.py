@@ -18,8 +18,9 @@ from dynid.identification.records.measurement import Experiment
 from dynid.identification.records.simulation import Simulation
 from dynid.result import Selection
 from dynid.scene.batch import NotShared, Overrides
-from dynid.scene.kinds.identification import Setting, estimates_alone, identified, setting, structure_of
+from dynid.scene.kinds.identification import Setting, estimates_alone, identified, setting
 from dynid.scene.kinds.measurements import experiments
+from dynid.scene.kinds.parts import structure_of
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes, gather
 from dynid.scene.schema.identification import IdentificationScene

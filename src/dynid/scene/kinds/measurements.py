@@ -20,6 +20,7 @@ from dynid.scene.kinds.signals import (
     of_stated_kind,
     products,
     recorded_factor,
+    written_at,
 )
 from dynid.scene.kinds.structures import number
 from dynid.scene.schema.base import Dof
@@ -49,12 +50,14 @@ if TYPE_CHECKING:
         ReferenceModel,
     )
 
+    Tested = IdentifiedGraph | StructuralModel | None
+
 
 def experiments(
     scene: Scene,
     excitation: Sequence[SignalPart],
     model_of_records: MeasurementModel,
-    model: IdentifiedGraph | StructuralModel | None = None,
+    model: Tested = None,
 ) -> list[Experiment]:
     """Return the records of a scene, prepared, with the loads of each.
 
@@ -96,12 +99,13 @@ def _measurement(
     scene: Scene[IdentificationScene],
     record: RecordModel,
     record_path: str,
-    model: IdentifiedGraph | StructuralModel | None,
+    model: Tested,
 ) -> Measurement:
     """Return the channels and the samples of a record, or the noise of a simulated one."""
     from dynid.identification.records.measurement import Measurement
     from dynid.identification.records.noise import ColouredNoise
     from dynid.identification.records.simulation import Simulation
+    from dynid.scene.schema.measurement import NoiseModel
 
     channel_models, step, samples = record.channels or (), number(record.step), record.samples or 0
     channels = tuple(channel_of(channel, model) for channel in channel_models)
@@ -133,16 +137,18 @@ def _measurement(
             noise_colour=tuple(float(coefficient) for coefficient in simulate.noise_colour),
         )
         if not any(channel.output for channel in record.channels or ()):
-            structure = cast("StructuralModel | None", model)
-            source = replace(source, **initial_motion(scene.model, structure))  # type: ignore[arg-type]
+            source = replace(source, **initial_motion(scene.model, model))  # type: ignore[arg-type]
     else:
         source = table.values[:samples] * factors
         read = {"notes": (table.note,) if table.note else ()}
         if table.clock is not None:
             read = {"clock": table.clock.summary, "notes": (*read["notes"], *table.clock.warnings())}
-    noise = noise_of(record)
-    if not isinstance(noise, ColouredNoise):
-        noise = products(factors, noise)
+    noise: float | list[float] | ColouredNoise | None
+    if isinstance(record.noise, NoiseModel):
+        order = record.noise.order
+        noise = ColouredNoise(order if isinstance(order, int) else None, record.noise.correlated)
+    else:
+        noise = products(factors, levels(record.noise))
     return Measurement(step, samples, channels, source, noise, **read)
 
 
@@ -151,11 +157,8 @@ def _samples(scene: Scene, record: RecordModel, where: str) -> MeasuredColumns:
     from dynid.files.read_measured import read_columns
 
     assert record.file is not None
-    path, samples, channels = (
-        scene.folder / (record.file.path or ""),
-        record.samples or 0,
-        record.channels or (),
-    )
+    path, samples = scene.folder / (record.file.path or ""), record.samples or 0
+    channels = record.channels or ()
     layout, columns, step = layout_of(record.file), record.file.columns, number(record.step)
     table = read_columns(path, columns, step=step, scene_key=where, layout=layout, rows=samples or None)
     if table.values.shape[1] != len(channels):
@@ -173,9 +176,7 @@ def _samples(scene: Scene, record: RecordModel, where: str) -> MeasuredColumns:
     return table
 
 
-def initial_motion(
-    model: IdentificationScene, structure: StructuralModel | None = None
-) -> dict[str, dict[Dof, float]]:
+def initial_motion(model: IdentificationScene, structure: Tested = None) -> dict[str, dict[Dof, float]]:
     """Return the displacements and velocities at t = 0, by DOF."""
     motions = [(result_name(structure, dof), motion) for dof, motion in model.initial.items()]
     if len({_signed_label(structure, dof)[1] for dof, _ in motions}) < len(motions):
@@ -188,55 +189,50 @@ def initial_motion(
     }
 
 
-def channel_of(channel_model: ChannelModel, model: IdentifiedGraph | StructuralModel | None = None) -> Any:
+def channel_of(channel_model: ChannelModel, model: Tested = None) -> Any:
     """Return a sensor of a structure, named by its DOFs' own labels where it is known; or of a graph."""
     if channel_model.output is not None:
         return cast("IdentifiedGraph", model).channel(channel_model.output, *_instrument_of(channel_model))
     assert channel_model.quantity is not None
-    structure = cast("StructuralModel | None", model)
-    dof, *others = (result_name(structure, dof) for dof in channel_model.ends)
+    dof, *others = (result_name(model, dof) for dof in channel_model.ends)
     reference = others[0] if others else None
-    if reference is not None and _signed_label(structure, reference) == _signed_label(structure, dof):
+    if reference is not None and _signed_label(model, reference) == _signed_label(model, dof):
         ends = " and ".join(map(str, channel_model.ends))
         raise UsageError(
             f"a sensor between {ends} measures nothing: they are one DOF", names=("measurement.channels",)
         )
-    absolute, kind = channel_model.frame == "absolute", kind_of(structure, dof)
+    absolute, kind = channel_model.frame == "absolute", kind_of(model, dof)
     return Channel(dof, channel_model.quantity, reference, absolute, *_instrument_of(channel_model), kind)
 
 
-def kind_of(structure: StructuralModel | None, dof: Dof | None) -> str:
+def kind_of(model: Tested, dof: Dof | None) -> str:
     """Return the kind of a DOF where the structure is known, that of the ground; else nothing."""
-    return "" if structure is None or dof is None else structure.kind(dof)
+    return "" if dof is None or not isinstance(model, StructuralModel) else model.kind(dof)
 
 
-def result_name(structure: StructuralModel | None, dof: Dof) -> Dof:
+def result_name(model: Tested, dof: Dof) -> Dof:
     """Return the name of a DOF in results."""
-    return dof if structure is None else structure.dof_names.display_name(dof)
+    return model.dof_names.display_name(dof) if isinstance(model, StructuralModel) else dof
 
 
-def _signed_label(structure: StructuralModel | None, dof: Dof) -> tuple[float, Dof]:
+def _signed_label(model: Tested, dof: Dof) -> tuple[float, Dof]:
     """Return the sign of a DOF's name and its own label, the same by each of its names."""
-    return (1.0, dof) if structure is None else structure.dof_names.find_signed(dof)
+    return model.dof_names.find_signed(dof) if isinstance(model, StructuralModel) else (1.0, dof)
 
 
-def _with_labels(sensor: Any, model: IdentifiedGraph | StructuralModel | None) -> Any:
+def _with_labels(sensor: Any, model: Tested) -> Any:
     """Return a channel or response function with the own labels of its DOFs."""
-    structure = cast("StructuralModel | None", model)
     if isinstance(sensor, Channel):
-        reference = None if sensor.reference is None else _signed_label(structure, sensor.reference)
-        return sensor._replace(dof=_signed_label(structure, sensor.dof), reference=reference)  # type: ignore[arg-type]
+        reference = None if sensor.reference is None else _signed_label(model, sensor.reference)
+        return sensor._replace(dof=_signed_label(model, sensor.dof), reference=reference)  # type: ignore[arg-type]
     channel = getattr(sensor, "channel", None)
     if isinstance(channel, Channel):
-        return sensor._replace(
-            channel=_with_labels(channel, model), force=_signed_label(structure, sensor.force)
-        )
+        force = _signed_label(model, sensor.force)
+        return sensor._replace(channel=_with_labels(channel, model), force=force)
     return sensor
 
 
-def _check_different(
-    channels: Sequence[Any], path: str, model: IdentifiedGraph | StructuralModel | None
-) -> None:
+def _check_different(channels: Sequence[Any], path: str, model: Tested) -> None:
     """Refuse a channel that stands twice, by two names of its DOF."""
     plain = [_with_labels(channel, model) for channel in channels]
     twice = next((channel for at, channel in enumerate(channels) if plain[at] in plain[:at]), None)
@@ -246,23 +242,12 @@ def _check_different(
 
 def _instrument_of(channel: ChannelModel) -> tuple[Real, Real, Real]:
     """Return gain, offset and delay of a sensor."""
-    gain, offset, delay = (getattr(channel, key, None) for key in ("gain", "offset", "delay"))
-    return (
-        1.0 if gain is None else gain.real,
-        0.0 if offset is None else offset.real,
-        0.0 if delay is None else delay.real,
+    usual = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
+    stated = {key: getattr(channel, key, None) for key in usual}
+    gain, offset, delay = (
+        usual[key] if quantity is None else quantity.real for key, quantity in stated.items()
     )
-
-
-def noise_of(record: RecordModel) -> float | list[float] | ColouredNoise | None:
-    """Return the deviation of white noise, or coloured noise."""
-    from dynid.identification.records.noise import ColouredNoise
-    from dynid.scene.schema.measurement import NoiseModel
-
-    if not isinstance(record.noise, NoiseModel):
-        return levels(record.noise)
-    order = record.noise.order
-    return ColouredNoise(order if isinstance(order, int) else None, record.noise.correlated)
+    return gain, offset, delay
 
 
 def levels(quantities: Quantity | list[Quantity] | None) -> float | list[float] | None:
@@ -274,10 +259,7 @@ def levels(quantities: Quantity | list[Quantity] | None) -> float | list[float] 
 
 def _path_of_key(scene: Scene, path: str, key: str) -> str:
     """Return the dotted path of a key of a record: its own, or that of all records."""
-    value: Any = scene.source.data
-    for key_in_path in path.split("."):
-        value = value[int(key_in_path) if isinstance(value, list) else key_in_path]
-    return f"{path}.{key}" if key in value else f"measurement.{key}"
+    return f"{path}.{key}" if key in written_at(scene, path) else f"measurement.{key}"
 
 
 def loads_of(
@@ -285,24 +267,16 @@ def loads_of(
     where: str,
     parts: Sequence[SignalPart],
     record: RecordTimes,
-    model: IdentifiedGraph | StructuralModel | None = None,
+    model: Tested = None,
 ) -> list[Any]:
     """Return the loads at a place of a scene."""
 
     def acting(signal_model: SignalPart, signal: Any) -> Any:
+        driven = _actuator_of(signal_model)
         if signal_model.source is not None:
-            return cast("IdentifiedGraph", model).load(
-                signal_model.source, signal, *_actuator_of(signal_model)
-            )
-        structure = cast("StructuralModel | None", model)
-        dof = None if signal_model.dof is None else result_name(structure, signal_model.dof)
-        return Load(
-            dof,
-            signal,
-            signal_model.base or signal_model.motion,
-            *_actuator_of(signal_model),
-            kind_of(structure, dof),
-        )
+            return cast("IdentifiedGraph", model).load(signal_model.source, signal, *driven)
+        dof = None if signal_model.dof is None else result_name(model, signal_model.dof)
+        return Load(dof, signal, signal_model.base or signal_model.motion, *driven, kind_of(model, dof))
 
     built = build_signals(scene, where, parts, record, lambda signal_model: acting(signal_model, None))
     return [acting(signal_model, signal) for signal_model, signal in built]
@@ -318,23 +292,18 @@ def _actuator_of(signal: SignalPart) -> tuple[Real, Real]:
     return (1.0 / gain, -delay) if isinstance(signal, FileSignal) else (gain, delay)
 
 
-def _referred(
-    model: IdentifiedGraph | StructuralModel | None, reference: ReferenceModel
-) -> tuple[Dof] | tuple[Dof, str]:
+def _referred(model: Tested, reference: ReferenceModel) -> tuple[Dof] | tuple[Dof, str]:
     """Return the DOF, by its name in results, and its kind, or the source of a frequency response."""
     if reference.source is not None:
         return (reference.place,)
-    structure = cast("StructuralModel | None", model)
-    dof = result_name(structure, reference.place)
-    return dof, kind_of(structure, dof)
+    dof = result_name(model, reference.place)
+    return dof, kind_of(model, dof)
 
 
 _PLACE = "measurement.frf.file"
 
 
-def frf_measurement(
-    scene: Scene, measurement: MeasurementModel, model: IdentifiedGraph | StructuralModel | None = None
-) -> FrfMeasurement:
+def frf_measurement(scene: Scene, measurement: MeasurementModel, model: Tested = None) -> FrfMeasurement:
     """Return the frequency response functions of a scene; `model`: its graph or structure, if known.
 
     Raises `FileError` where measured responses cannot be read. Raises `UsageError` where they are
@@ -351,10 +320,9 @@ def frf_measurement(
         if channel.reference
     )
     _check_different(channels, "measurement.channels", model)
-    proportional = isinstance(measurement.noise, NoiseModel)
-    noise = levels(
-        measurement.noise.ratio if isinstance(measurement.noise, NoiseModel) else measurement.noise
-    )
+    stated = measurement.noise
+    proportional = isinstance(stated, NoiseModel)
+    noise = levels(stated.ratio if isinstance(stated, NoiseModel) else stated)
     simulate = measurement.frf.simulate
     responses = None if simulate is not None else _read(scene, measurement.frf, channels)
     headings: Sequence[Heading | None] = responses.headings if responses is not None else ()
@@ -367,13 +335,11 @@ def frf_measurement(
     if not proportional and not coherence:  # else it is a ratio
         noise = products(factors, noise)
     if simulate is not None:
-        added = (
-            levels(simulate.noise_ratio) or 0.0,
-            simulate.seed,
-            0.0,
-            products(factors, levels(simulate.noise)),
+        added = products(factors, levels(simulate.noise))
+        source = Simulation(
+            *(levels(simulate.noise_ratio) or 0.0, simulate.seed, 0.0, added),
+            noise_by_line=simulate.noise_by_line,
         )
-        source = Simulation(*added, noise_by_line=simulate.noise_by_line)
         omega = angular_frequencies(simulate.lines)
         return FrfMeasurement(omega, channels, source, noise, proportional=proportional)
     assert responses is not None

@@ -12,7 +12,7 @@ from dynid.units import angular_factor
 if TYPE_CHECKING:
     from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
     from dynid.scene.load import Scene
-    from dynid.scene.schema.modes import MeasuredModesModel, ScatterModel
+    from dynid.scene.schema.modes import MeasuredModesModel, ScatterModel, SensorFileModel
     from dynid.structure.labels import Label
 
 _PLACE = "measurement.modes"
@@ -71,12 +71,8 @@ def _from_file(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
     path_of_file = f"{_PLACE}.file"
     path = scene.folder / modes.file.path
     survey = read_modes(path, modes.file.names, path_of_file)
-    dofs = list(survey.dofs) or _sensors(scene, modes)
+    dofs = list(survey.dofs) if modes.sensors is None else _sensors(scene, modes.sensors)
     rows = 0 if survey.shape is None else len(survey.shape)
-    if modes.sensors is not None and not isinstance(modes.sensors, list):
-        dofs = _sensors(scene, modes)
-    elif modes.sensors is not None:
-        dofs = list(modes.sensors)
     if len(dofs) != rows:
         raise FileError(
             f"{path} has shapes at {rows} sensors, and {len(dofs)} DOFs are named"
@@ -116,18 +112,16 @@ def _from_file(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
     )
 
 
-def _sensors(scene: Scene, modes: MeasuredModesModel) -> list[Label]:
-    """Return the DOFs of the sensors in a file of their own."""
-    from dynid.scene.schema.modes import SensorFileModel
-
-    if not isinstance(modes.sensors, SensorFileModel):
-        return []
+def _sensors(scene: Scene, sensors: list[Label] | SensorFileModel) -> list[Label]:
+    """Return the DOFs of sensors, listed or in a file of their own."""
+    if isinstance(sensors, list):
+        return list(sensors)
     from dynid.files.matlab import whole_numbers
     from dynid.files.table import DataFile
 
-    file = DataFile(scene.folder / modes.sensors.path, f"{_PLACE}.sensors")
+    file = DataFile(scene.folder / sensors.path, f"{_PLACE}.sensors")
     file.check()
-    return list(whole_numbers(file, modes.sensors.name, "name"))
+    return list(whole_numbers(file, sensors.name, "name"))
 
 
 def _measured(modes: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *rest: Any) -> ModalMeasurement:

@@ -32,12 +32,13 @@ if TYPE_CHECKING:
     from dynid.structure.points import Point
 
 
-def build_assembly(scene: Scene, model: IdentificationScene) -> StructuralModel:
+def structure_of(scene: Scene[IdentificationScene]) -> StructuralModel:
     """Return the structure of an identification with its points and joints.
 
     Raises `SceneError` if the scene names DOFs that the structure does not have. Raises `FileError` or
     `UsageError` as `build_structure`; if a point or a joint between points makes no sense.
     """
+    model = scene.model
     if model.structure is not None and not (model.points or model.motions):
         return build_structure(scene, model.structure, model.joints)
     assembly = _bare(scene, model)

@@ -6,9 +6,10 @@ from dynid.errors import UsageError
 from dynid.identification.planning.plan import PlanRequest, plan
 from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.result import Result
-from dynid.scene.kinds.identification import Setting, expected_values, setting, structure_of
+from dynid.scene.kinds.identification import Setting, expected_values, setting
 from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.scene.kinds.measurements import channel_of, measurements_of, result_name
+from dynid.scene.kinds.parts import structure_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.model import StructuralModel

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from dynid.errors import FileError, UsageError
-from dynid.scene.schema.base import FrequencyGrid, SensitivityModel
+from dynid.scene.schema.base import FrequencyGrid
 from dynid.scene.schema.signals import (
     AmplitudePart,
     ChirpSignal,
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from dynid.files.table import Heading, TableLayout
     from dynid.lti.generator import RecordTimes, Signal
     from dynid.scene.load import Scene
+    from dynid.scene.schema.measurement import MeasuredChannelModel
 
 
 def angular_frequencies(grid: FrequencyGrid) -> NDArray[np.float64]:
@@ -78,20 +79,11 @@ def build_signals(
         Where a signal does not suit this record, or its unit what it drives; it names the place.
     """
     built = []
-    written = scene.source.data
-    for key in where.split("."):
-        if isinstance(written, list):
-            written = written[int(key)]
-        else:
-            written = written.get(key) if isinstance(written, dict) else None
-    single = isinstance(written, dict)
+    single = isinstance(written_at(scene, where), dict)
     for index, signal_model in enumerate(parts):
         signal_path = where if single else f"{where}.{index}"
-        if (
-            where.startswith("analysis")
-            and isinstance(signal_model, RandomSignal)
-            and signal_model.hold is not None
-        ):
+        held = isinstance(signal_model, RandomSignal) and signal_model.hold is not None
+        if held and where.startswith("analysis"):
             raise UsageError(
                 "the 'hold' of a random signal is for an estimator, which knows its samples only",
                 remedy="Leave it out: a response is computed for the continuous signal.",
@@ -106,12 +98,8 @@ def build_signals(
         try:
             parameters = signal_model.parameters()
             if factor != 1:
-                amplitude = parameters["amplitude"]
-                scaled = (
-                    tuple(factor * value for value in amplitude)
-                    if isinstance(amplitude, tuple)
-                    else factor * amplitude
-                )
+                amplitude, several = parameters["amplitude"], isinstance(signal_model, MultisineSignal)
+                scaled = tuple(factor * value for value in amplitude) if several else factor * amplitude
                 parameters["amplitude"] = scaled
             if isinstance(signal_model, FileSignal):
                 from dynid.files.read_measured import read_signal
@@ -137,6 +125,17 @@ def build_signals(
             names = [name for name in error.names if name.startswith(signal_path)]
             raise UsageError(error.problem, remedy=error.remedy, names=(*names, signal_path)) from error
     return built
+
+
+def written_at(scene: Scene, dotted: str) -> Any:
+    """Return what a scene has at a dotted path; None where it ends before."""
+    written = scene.source.data
+    for key in dotted.split("."):
+        if isinstance(written, list):
+            written = written[int(key)]
+        else:
+            written = written.get(key) if isinstance(written, dict) else None
+    return written
 
 
 def layout_of(table: TablePlace) -> TableLayout:
@@ -165,18 +164,6 @@ def highest_frequency(signals: Sequence[SignalPart], step: float) -> float:
     return min(math.pi / step, max(highest, default=math.inf))
 
 
-class _Sensor(Protocol):
-    """The unit and sensitivity of a recorded column, as far as the scene has them."""
-
-    @property
-    def unit(self) -> str | None:
-        """The unit of the recorded values."""
-
-    @property
-    def sensitivity(self) -> SensitivityModel | None:
-        """The sensitivity of the sensor."""
-
-
 class DrivenSource(NamedTuple):
     """A source of a graph that a signal drives, and its SI unit; empty where its domain is unknown."""
 
@@ -202,7 +189,9 @@ def _units_of(measured: Any) -> tuple[str, ...]:
     return (measured.unit,) if measured.unit else ()
 
 
-def recorded_factor(sensor: _Sensor, heading: Heading | None, measured: Any, path: str) -> float:
+def recorded_factor(
+    sensor: MeasuredChannelModel | FileSignal, heading: Heading | None, measured: Any, path: str
+) -> float:
     """Return the factor by which recorded values are multiplied to be SI.
 
     Without a `heading` the record is simulated; `path` is the dotted path of the sensor, for errors. Raises
@@ -237,7 +226,7 @@ def recorded_factor(sensor: _Sensor, heading: Heading | None, measured: Any, pat
     return factor / float(sensitivity.value) if sensitivity else factor
 
 
-def of_stated_kind(measured: Any, sensor: _Sensor, heading: Heading | None) -> Any:
+def of_stated_kind(measured: Any, sensor: MeasuredChannelModel | FileSignal, heading: Heading | None) -> Any:
     """Return a channel, its DOF of the kind that its unit says where its label says none."""
     from dynid.structure.ports import Channel
     from dynid.units import si_factor
