@@ -27,14 +27,6 @@ _TYPES = ("Se", "Sf", *_VALUED, "0", "1")
 _OUTPUTS = {"I": "f", "C": "e", "R": "f"}
 
 
-@dataclass
-class _SceneGraph:
-    """Nodes and bonds as a scene writes them."""
-
-    nodes: dict[str, Any] = field(default_factory=dict)
-    bonds: list[str] = field(default_factory=list)
-
-
 def read_netlist(path: str | os.PathLike[str]) -> str:
     """Return the scene of a netlist.
 
@@ -43,8 +35,9 @@ def read_netlist(path: str | os.PathLike[str]) -> str:
     `SceneError` with the places of faults.
     """
     source = read_source(path)
-    root = expand(source, _TYPES)
-    graph = _SceneGraph()
+    root = _expanded(source)
+    nodes: dict[str, Any] = {}
+    bonds: list[str] = []
     faults = []
     for name, component in root.components.items():
         node: dict[str, Any] = {"type": component.type}
@@ -54,11 +47,11 @@ def read_netlist(path: str | os.PathLike[str]) -> str:
                 faults.append(source.fault(component.place, message))
                 continue
             node["value"] = f"1/({component.value})" if component.type == "TF" else component.value
-        graph.nodes[name] = node if len(node) > 1 else component.type
+        nodes[name] = node if len(node) > 1 else component.type
     if faults:
         raise SceneError(faults)
     for wire in root.wires:
-        _connect(graph, root, wire)
+        _connect(nodes, bonds, root, wire)
     kinds = {name: component.type for name, component in root.components.items()}
     stored = [name for name, kind in kinds.items() if kind in ("I", "C")]
     shown = stored or [name for name, kind in kinds.items() if kind == "R"]
@@ -67,7 +60,7 @@ def read_netlist(path: str | os.PathLike[str]) -> str:
             "dynid": 1,
             "kind": "bond-graph",
             "title": str(source.data["root"]),
-            "graph": {"nodes": graph.nodes, "bonds": graph.bonds},
+            "graph": {"nodes": nodes, "bonds": bonds},
             "analysis": {
                 "inputs": [name for name, kind in kinds.items() if kind in ("Se", "Sf")],
                 "outputs": [f"{name}.{_OUTPUTS[kinds[name]]}" for name in shown],
@@ -76,7 +69,7 @@ def read_netlist(path: str | os.PathLike[str]) -> str:
     )
 
 
-def _connect(graph: _SceneGraph, root: _NetlistModel, wire: Wire) -> None:
+def _connect(nodes: dict[str, Any], bonds: list[str], root: _NetlistModel, wire: _Wire) -> None:
     """Add the bond of a wire."""
     first, second = (end.component for end in wire)
     wishes = []  # the direction of an arrow at each end: in, out, or empty for either
@@ -92,15 +85,15 @@ def _connect(graph: _SceneGraph, root: _NetlistModel, wire: Wire) -> None:
             wishes.append("")
     if wishes[0] and wishes[0] == wishes[1]:
         names = (f"{first}_{second}{f'_{k}' if k > 1 else ''}" for k in count(1))
-        joint = next(name for name in names if name not in graph.nodes)
-        graph.nodes[joint] = "0"
+        joint = next(name for name in names if name not in nodes)
+        nodes[joint] = "0"
         out = wishes[0] == "out"
-        graph.bonds += [f"{name} -> {joint}" if out else f"{joint} -> {name}" for name in (first, second)]
+        bonds += [f"{name} -> {joint}" if out else f"{joint} -> {name}" for name in (first, second)]
         return
     backwards = wishes[0] == "in" or (not wishes[0] and wishes[1] == "out")
     if wishes == ["", ""]:
         backwards = root.components[first].type in ("R", "C", "I")
-    graph.bonds.append(f"{second} -> {first}" if backwards else f"{first} -> {second}")
+    bonds.append(f"{second} -> {first}" if backwards else f"{first} -> {second}")
 
 
 _NAME = re.compile(r"[^\W\d][\w-]*|\d+")
@@ -111,7 +104,7 @@ Place = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
-class Component:
+class _Component:
     """One component: its type, its value as written, and its place in the file."""
 
     type: str
@@ -128,85 +121,78 @@ class _WireEnd:
     port: str = ""
 
 
-Wire = tuple[_WireEnd, _WireEnd]
+_Wire = tuple[_WireEnd, _WireEnd]
 
 
 @dataclass
 class _NetlistModel:
     """Components by name, wires between them, and the outer ports by label."""
 
-    components: dict[str, Component] = field(default_factory=dict)
-    wires: list[Wire] = field(default_factory=list)
+    components: dict[str, _Component] = field(default_factory=dict)
+    wires: list[_Wire] = field(default_factory=list)
     ports: dict[str, str] = field(default_factory=dict)
 
 
-class _Refusal(Exception):
-    """A fault at a place of a netlist."""
-
-    def __init__(self, path: Place, message: str) -> None:
-        super().__init__(message)
-        self.place = path
+def _refusal(source: Source, path: Place, message: str) -> SceneError:
+    return SceneError([source.fault(path, message)])
 
 
-def expand(source: Source, types: Sequence[str]) -> _NetlistModel:
-    """Return the root model of a netlist with every model in it expanded.
-
-    Raises `SceneError` with the place of the first fault.
-    """
-    try:
-        models = _models(source.data)
-        root = "/" if "/" in models else str(source.data["root"])
-        if root not in models:
-            raise _Refusal(("root",), f"no model '{root}'{did_you_mean(root, list(models))}")
-        model = _Expansion(models, types).model(root, (), ())
-        if model.ports:
-            raise _Refusal(("models", root, "ports"), "the root model has no outer ports")
-        return _joined(model)
-    except _Refusal as refusal:
-        raise SceneError([source.fault(refusal.place, str(refusal))]) from None
-
-
-def _models(data: Any) -> dict[str, Any]:
+def _expanded(source: Source) -> _NetlistModel:
+    """Return the root model of a netlist with every model in it expanded, or raise its first fault."""
+    data = source.data
     if not isinstance(data, dict) or not isinstance(data.get("models"), dict) or "root" not in data:
-        raise _Refusal((), "this is no netlist of BondGraphTools: it has the keys 'root' and 'models'")
+        message = "this is no netlist of BondGraphTools: it has the keys 'root' and 'models'"
+        raise _refusal(source, (), message)
     if str(data.get("version", "0.1")) != "0.1":
-        raise _Refusal(("version",), f"version {data['version']} of netlists is not known; 0.1 is")
-    models: dict[str, Any] = data["models"]
-    return models
+        message = f"version {data['version']} of netlists is not known; 0.1 is"
+        raise _refusal(source, ("version",), message)
+    models = data["models"]
+    root = "/" if "/" in models else str(data["root"])
+    if root not in models:
+        raise _refusal(source, ("root",), f"no model '{root}'{did_you_mean(root, list(models))}")
+    expansion = _Expansion(source)
+    model = expansion.model(root, (), ())
+    if model.ports:
+        raise _refusal(source, ("models", root, "ports"), "the root model has no outer ports")
+    return expansion.joined(model)
 
 
 class _Expansion:
     """Expansion of the models of one file."""
 
-    def __init__(self, models: dict[str, Any], types: Sequence[str]) -> None:
-        self._models = models
-        self._types = types
+    def __init__(self, source: Source) -> None:
+        self._source, self._models = source, source.data["models"]
         self._count = 0
+
+    def _refusal(self, path: Place, message: str) -> SceneError:
+        return _refusal(self._source, path, message)
 
     def model(self, name: str, path: tuple[str, ...], above: tuple[str, ...]) -> _NetlistModel:
         """Expand a model; `path` is what its components' names start with."""
         key_path: Place = ("models", name)
         if name in above or len(above) >= _MOST_LEVELS:
-            raise _Refusal(key_path, f"model '{name}' contains itself")
+            raise self._refusal(key_path, f"model '{name}' contains itself")
         written = self._models[name]
         if not isinstance(written, dict):
-            raise _Refusal(key_path, f"model '{name}' has the keys 'components' and 'netlist'")
+            raise self._refusal(key_path, f"model '{name}' has the keys 'components' and 'netlist'")
         netlist = _NetlistModel()
         inner: dict[str, _NetlistModel] = {}
-        for k, text in enumerate(_texts(written, "components", key_path)):
+        for k, text in enumerate(self._texts(written, "components", key_path)):
             self._add(netlist, inner, text, (*key_path, "components", k), path, (*above, name))
-        for k, text in enumerate(_texts(written, "netlist", key_path)):
+        for k, text in enumerate(self._texts(written, "netlist", key_path)):
             ends = text.split()
             if len(ends) != 2:
-                raise _Refusal((*key_path, "netlist", k), f"'{text}' is no wire; write 'a b', or 'a.port b'")
-            first, second = (_end(end, (*key_path, "netlist", k), netlist, inner, path) for end in ends)
+                raise self._refusal(
+                    (*key_path, "netlist", k), f"'{text}' is no wire; write 'a b', or 'a.port b'"
+                )
+            first, second = (self._end(end, (*key_path, "netlist", k), netlist, inner, path) for end in ends)
             netlist.wires.append((first, second))
-        for k, text in enumerate(_texts(written, "ports", key_path)):
+        for k, text in enumerate(self._texts(written, "ports", key_path)):
             label, *names = text.split()
             full = "_".join((*path, label))
             if len(names) != 1 or full not in netlist.components or netlist.components[full].type != "SS":
                 message = f"'{text}' is no port; write 'a B', where a is a component base/SS"
-                raise _Refusal((*key_path, "ports", k), message)
+                raise self._refusal((*key_path, "ports", k), message)
             netlist.ports[names[0]] = full
         return netlist
 
@@ -221,13 +207,13 @@ class _Expansion:
     ) -> None:
         label, template, *values = text.split() if len(text.split()) > 1 else ("", "")
         if not _NAME.fullmatch(label):
-            raise _Refusal(key_path, f"'{text}' is no component; write 'name base/R 10'")
+            raise self._refusal(key_path, f"'{text}' is no component; write 'name base/R 10'")
         full = "_".join((*path, label))
         if full in netlist.components or label in inner:
-            raise _Refusal(key_path, f"two components are called '{label}'")
+            raise self._refusal(key_path, f"two components are called '{label}'")
         self._count += 1
         if self._count > _MOST_COMPONENTS:
-            raise _Refusal(key_path, f"more than {_MOST_COMPONENTS:,} components")
+            raise self._refusal(key_path, f"more than {_MOST_COMPONENTS:,} components")
         if template in self._models:
             inner[label] = self.model(template, (*path, label), above)
             netlist.components |= inner[label].components
@@ -235,71 +221,75 @@ class _Expansion:
         else:
             netlist.components[full] = self._component(template, values, key_path)
 
-    def _component(self, template: str, values: Sequence[str], path: Place) -> Component:
+    def _component(self, template: str, values: Sequence[str], path: Place) -> _Component:
         library, _, kind = template.rpartition("/")
-        if library != "base" or kind not in (*self._types, "SS"):
-            types = [*(f"base/{name}" for name in self._types), *self._models]
+        if library != "base" or kind not in (*_TYPES, "SS"):
+            types = [*(f"base/{name}" for name in _TYPES), *self._models]
             message = (
                 f"no component '{template}'{did_you_mean(template, types)}; linear ones of 'base' are read"
             )
-            raise _Refusal(path, message)
+            raise self._refusal(path, message)
         if len(values) > 1:
-            raise _Refusal(path, f"a component of type {kind} takes one value, not {len(values)}")
+            raise self._refusal(path, f"a component of type {kind} takes one value, not {len(values)}")
         value: int | float | None = None
         if values:
             written = values[0].rpartition("=")[2]  # 10 or r=10
             try:
                 value = int(written) if written.lstrip("+-").isdecimal() else float(written)
             except ValueError:
-                raise _Refusal(path, f"'{written}' is no number; components need numbers") from None
-        return Component(kind, template, value, path)
+                raise self._refusal(path, f"'{written}' is no number; components need numbers") from None
+        return _Component(kind, template, value, path)
 
+    def _texts(self, model: dict[str, Any], key: str, path: Place) -> list[str]:
+        listed = model.get(key) or []
+        if not isinstance(listed, list):
+            raise self._refusal((*path, key), f"'{key}' is a list")
+        for k, item in enumerate(listed):
+            if not isinstance(item, str):
+                raise self._refusal((*path, key, k), f"an entry of '{key}' is a text")
+        return listed
 
-def _texts(model: dict[str, Any], key: str, path: Place) -> list[str]:
-    listed = model.get(key) or []
-    if not isinstance(listed, list):
-        raise _Refusal((*path, key), f"'{key}' is a list")
-    for k, item in enumerate(listed):
-        if not isinstance(item, str):
-            raise _Refusal((*path, key, k), f"an entry of '{key}' is a text")
-    return listed
+    def _end(
+        self,
+        text: str,
+        key_path: Place,
+        netlist: _NetlistModel,
+        inner: dict[str, _NetlistModel],
+        path: tuple[str, ...],
+    ) -> _WireEnd:
+        label, _, port = text.partition(".")
+        full = "_".join((*path, label))
+        if label in inner:
+            ports = inner[label].ports
+            if not port and len(ports) == 1:
+                (port,) = ports
+            if port not in ports:
+                raise self._refusal(
+                    key_path, f"model '{label}' has no port '{port}'{did_you_mean(port, list(ports))}"
+                )
+            return _WireEnd(ports[port])
+        if full not in netlist.components:
+            raise self._refusal(key_path, f"no component '{label}'")
+        return _WireEnd(full, port)
 
-
-def _end(
-    text: str, key_path: Place, netlist: _NetlistModel, inner: dict[str, _NetlistModel], path: tuple[str, ...]
-) -> _WireEnd:
-    label, _, port = text.partition(".")
-    full = "_".join((*path, label))
-    if label in inner:
-        ports = inner[label].ports
-        if not port and len(ports) == 1:
-            (port,) = ports
-        if port not in ports:
-            raise _Refusal(key_path, f"model '{label}' has no port '{port}'{did_you_mean(port, list(ports))}")
-        return _WireEnd(ports[port])
-    if full not in netlist.components:
-        raise _Refusal(key_path, f"no component '{label}'")
-    return _WireEnd(full, port)
-
-
-def _joined(model: _NetlistModel) -> _NetlistModel:
-    """Return a model with wires joined at `base/SS`, the ports between models, and named ports."""
-    wires = list(model.wires)
-    for name, component in model.components.items():
-        if component.type != "SS":
-            continue
-        at = [wire for wire in wires if name in (wire[0].component, wire[1].component)]
-        if len(at) != 2:
-            raise _Refusal(component.place, f"'{name}' (base/SS) is no port between two models")
-        ends = [end for wire in at for end in wire if end.component != name]
-        wires = [wire for wire in wires if wire not in at] + [(ends[0], ends[1])]
-    kept = {name: component for name, component in model.components.items() if component.type != "SS"}
-    used: Counter[str] = Counter()  # the file may leave the ports of two-ports to their order
-    for k, wire in enumerate(wires):
-        ends = []
-        for end in wire:
-            ordered = kept[end.component].type in ("TF", "GY") and not end.port
-            ends.append(_WireEnd(end.component, str(used[end.component])) if ordered else end)
-            used[end.component] += ordered
-        wires[k] = (ends[0], ends[1])
-    return _NetlistModel(kept, wires)
+    def joined(self, model: _NetlistModel) -> _NetlistModel:
+        """Return a model with wires joined at `base/SS`, the ports between models, and named ports."""
+        wires = list(model.wires)
+        for name, component in model.components.items():
+            if component.type != "SS":
+                continue
+            at = [wire for wire in wires if name in (wire[0].component, wire[1].component)]
+            if len(at) != 2:
+                raise self._refusal(component.place, f"'{name}' (base/SS) is no port between two models")
+            ends = [end for wire in at for end in wire if end.component != name]
+            wires = [wire for wire in wires if wire not in at] + [(ends[0], ends[1])]
+        kept = {name: component for name, component in model.components.items() if component.type != "SS"}
+        used: Counter[str] = Counter()  # the file may leave the ports of two-ports to their order
+        for k, wire in enumerate(wires):
+            ends = []
+            for end in wire:
+                ordered = kept[end.component].type in ("TF", "GY") and not end.port
+                ends.append(_WireEnd(end.component, str(used[end.component])) if ordered else end)
+                used[end.component] += ordered
+            wires[k] = (ends[0], ends[1])
+        return _NetlistModel(kept, wires)
