@@ -136,10 +136,7 @@ class _Flattening:
     def _add_graph(
         self, prefix: str, graph: Mapping[Any, Any], path: KeyPath, names: Mapping[str, str]
     ) -> None:
-        """Add the nodes and bonds of the scene's graph, or of a model under the prefix of an instance.
-
-        `names` are the flat names of the parameters by those within.
-        """
+        """Add nodes and bonds under a prefix; `names` are the flat names of parameters by those within."""
         nodes = mapping(graph, "nodes")
         marks = self._marks((*path, "nodes"))
         for name, node in nodes.items():
@@ -166,7 +163,6 @@ class _Flattening:
         return self._below[path]
 
     def _bond(self, prefix: str, text: Any, path: KeyPath, nodes: Mapping[Any, Any]) -> None:
-        """Add a bond, or a chain of bonds."""
         mark = self._mark(path)
         if problem := chain_fault(str(text)):
             self._note(self.source.fault(path, problem))
@@ -202,7 +198,6 @@ class _Flattening:
     def _instantiate(
         self, flat: str, node: Mapping[Any, Any], path: KeyPath, names: Mapping[str, str]
     ) -> None:
-        """Add an instance of a model, or the copies of one."""
         model = self.models[str(node["model"])]
         count = node.get("repeat")
         copies = [flat] if count is None else [f"{flat}.{number}" for number in range(1, count + 1)]
@@ -225,11 +220,7 @@ class _Flattening:
     def _arguments(
         self, flat: str, node: Mapping[Any, Any], path: KeyPath, names: Mapping[str, str]
     ) -> dict[int, dict[str, str]]:
-        """Add the parameters of an instance; return their flat names by those in the model, by copy.
-
-        The names that copies share have the number 0. A copy with values of its own has parameters of its own
-        for these, and for usual values that depend on them.
-        """
+        """Add the parameters of an instance; return their flat names by copy (0: shared) and name."""
         model = self.models[str(node["model"])]
         usual, copies = model.parameters, copy_values(node)
         changed = {number: _changed(values, usual, node) for number, values in copies.items()}
@@ -258,7 +249,6 @@ class _Flattening:
         return scopes
 
     def _add_parameter(self, flat: str, value: Any, path: KeyPath) -> None:
-        """Add a parameter of an instance, written at a path."""
         if flat in mapping(self.source.data, "parameters"):
             holder = flat.rpartition(".")[0]
             message = f"'{flat}' is a parameter of the instance '{holder}'; use another name"

@@ -87,7 +87,6 @@ def _scene_of(result: Result, file: str, names: Sequence[str]) -> Source:
 
 
 def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any, str]]]:
-    """Yield path, value and comment of each estimate."""
     parts = (result[f"{_PARAMETERS}/{name}"].data for name in ("name", "estimate", "standard_error"))
     for name, estimate, error in zip(*parts, strict=True):
         path = _place_of_unknown(source.data, str(name))
@@ -99,10 +98,7 @@ def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any
 
 
 def _place_of_unknown(data: Any, name: str) -> Path:
-    """Return the path of an unknown: a parameter, a joint's k or c, or what an instance of a model is given.
-
-    Empty where it is none of these.
-    """
+    """Return the path of an unknown: parameter, k or c of a joint, value of an instance; empty for others."""
     if name in (data.get("parameters") or {}):
         return ("parameters", name)
     holder, _, parameter = name.rpartition(".")
@@ -173,13 +169,11 @@ def _requests(before: Any, data: Any) -> dict[Path, Any]:
 
 
 def _signals(holder: Any) -> list[Any]:
-    """Return the signals of an excitation, which may be one alone."""
     signals = holder.get("excitation") or []
     return [signals] if isinstance(signals, dict) else signals
 
 
 def _distinct(values: Any) -> list[Any]:
-    """Return values without repetitions, in their order."""
     distinct: list[Any] = []
     for value in values:
         if value not in distinct:

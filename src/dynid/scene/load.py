@@ -246,7 +246,6 @@ def _validated(source: Source) -> tuple[Scene | None, list[Fault]]:
 
 
 def _completed(scene: Scene) -> Source:
-    """Return the source of a valid scene with what its files add, errors located in the scene."""
     complete = KINDS[scene.kind].load("complete")
     try:
         return complete(scene) if complete else scene.source

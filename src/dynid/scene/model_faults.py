@@ -22,11 +22,11 @@ from dynid.suggestions import did_you_mean
 #: Keys of an instance that are no parameters of its model.
 _INSTANCE_KEYS = ("model", "repeat", "chain", "copies")
 #: Keys of instances and nodes, which no parameter of a model is called.
-RESERVED = (*_INSTANCE_KEYS, "type", "value", "domain", "ports", "law")
+_RESERVED = (*_INSTANCE_KEYS, "type", "value", "domain", "ports", "law")
 #: The most values (texts, numbers, lists, mappings) of all instances together: about 1 GB.
-MAX_VALUES = 4_000_000
+_MAX_VALUES = 4_000_000
 #: The most models within one another; each takes two frames of Python's stack of 1,000.
-MAX_NESTING = 50
+_MAX_NESTING = 50
 # A text counts once for so many characters: names of nodes grow with the names of the instances around them.
 _CHARACTERS = 64
 
@@ -112,7 +112,7 @@ class _Checks:
         if not model.data.get("nodes"):
             self._note(model.path, f"the model '{model.name}' needs the key 'nodes'")
         for name in mapping(model.data, "parameters"):
-            problem = f"'{name}' is a key of nodes; use another name" if name in RESERVED else ""
+            problem = f"'{name}' is a key of nodes; use another name" if name in _RESERVED else ""
             if problem := problem or name_problem(str(name)):
                 self._note((*model.path, "parameters", name), problem)
         ends = Counter(
@@ -159,7 +159,6 @@ class _Checks:
         self._check_copy_values(node, model, (*path, "copies"))
 
     def _check_names(self, keys: Iterable[Any], model: Model, path: KeyPath) -> None:
-        """Note keys that are no parameters of a model."""
         parameters = model.parameters
         for key in keys:
             if str(key) not in parameters:
@@ -167,7 +166,6 @@ class _Checks:
                 self._note((*path, key), f"the model '{model.name}' has no parameter '{key}'{close}")
 
     def _check_copy_values(self, node: Mapping[Any, Any], model: Model, path: KeyPath) -> None:
-        """Note the faults of values of single copies."""
         if "copies" not in node:
             return
         count, copies = node.get("repeat"), node["copies"]
@@ -221,8 +219,8 @@ class _Checks:
                 count = node.get("repeat")
                 copies = count if type(count) is int and count > 0 else 1
                 values += copies * below.values * _count(str(name))
-            if values > MAX_VALUES:
-                message = f"the instances of models make more than {MAX_VALUES:,} values in this graph"
+            if values > _MAX_VALUES:
+                message = f"the instances of models make more than {_MAX_VALUES:,} values in this graph"
                 self._note_once((*path, "nodes", name), f"{message}; use fewer copies", key=True)
                 return _Size(0, depth)
         return _Size(values, depth)
@@ -232,18 +230,18 @@ class _Checks:
             cycle = " -> ".join([*above[above.index(name) :], name])
             self._note((*path, "model"), f"the model contains itself: {cycle}", key=False)
             return _Size(0, 0)
-        if len(above) >= MAX_NESTING:
+        if len(above) >= _MAX_NESTING:
             return self._too_deep(path)
         if (model := self.models.get(name)) is None:
             return _Size(0, 0)
         if name not in self._sizes:
             self._sizes[name] = self.size_of(model.data, model.path, (*above, name))
-        elif len(above) + self._sizes[name].depth >= MAX_NESTING:
+        elif len(above) + self._sizes[name].depth >= _MAX_NESTING:
             return self._too_deep(path)
         return self._sizes[name]
 
     def _too_deep(self, path: KeyPath) -> _Size:
-        message = f"models stand more than {MAX_NESTING} deep in one another; join some of them"
+        message = f"models stand more than {_MAX_NESTING} deep in one another; join some of them"
         self._note_once((*path, "model"), message, key=False)
         return _Size(0, 0)
 

@@ -70,7 +70,6 @@ def read_netlist(path: str | os.PathLike[str]) -> str:
 
 
 def _connect(nodes: dict[str, Any], bonds: list[str], root: _NetlistModel, wire: _Wire) -> None:
-    """Add the bond of a wire."""
     first, second = (end.component for end in wire)
     wishes = []  # the direction of an arrow at each end: in, out, or empty for either
     for end in wire:
@@ -100,7 +99,7 @@ _NAME = re.compile(r"[^\W\d][\w-]*|\d+")
 _MOST_COMPONENTS = 100_000
 _MOST_LEVELS = 50
 
-Place = tuple[Any, ...]
+_Place = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,7 @@ class _Component:
     type: str
     template: str
     value: int | float | str | None
-    place: Place
+    place: _Place
 
 
 @dataclass(frozen=True)
@@ -133,7 +132,7 @@ class _NetlistModel:
     ports: dict[str, str] = field(default_factory=dict)
 
 
-def _refusal(source: Source, path: Place, message: str) -> SceneError:
+def _refusal(source: Source, path: _Place, message: str) -> SceneError:
     return SceneError([source.fault(path, message)])
 
 
@@ -164,12 +163,12 @@ class _Expansion:
         self._source, self._models = source, source.data["models"]
         self._count = 0
 
-    def _refusal(self, path: Place, message: str) -> SceneError:
+    def _refusal(self, path: _Place, message: str) -> SceneError:
         return _refusal(self._source, path, message)
 
     def model(self, name: str, path: tuple[str, ...], above: tuple[str, ...]) -> _NetlistModel:
         """Expand a model; `path` is what its components' names start with."""
-        key_path: Place = ("models", name)
+        key_path: _Place = ("models", name)
         if name in above or len(above) >= _MOST_LEVELS:
             raise self._refusal(key_path, f"model '{name}' contains itself")
         written = self._models[name]
@@ -201,7 +200,7 @@ class _Expansion:
         netlist: _NetlistModel,
         inner: dict[str, _NetlistModel],
         text: str,
-        key_path: Place,
+        key_path: _Place,
         path: tuple[str, ...],
         above: tuple[str, ...],
     ) -> None:
@@ -221,7 +220,7 @@ class _Expansion:
         else:
             netlist.components[full] = self._component(template, values, key_path)
 
-    def _component(self, template: str, values: Sequence[str], path: Place) -> _Component:
+    def _component(self, template: str, values: Sequence[str], path: _Place) -> _Component:
         library, _, kind = template.rpartition("/")
         if library != "base" or kind not in (*_TYPES, "SS"):
             types = [*(f"base/{name}" for name in _TYPES), *self._models]
@@ -240,7 +239,7 @@ class _Expansion:
                 raise self._refusal(path, f"'{written}' is no number; components need numbers") from None
         return _Component(kind, template, value, path)
 
-    def _texts(self, model: dict[str, Any], key: str, path: Place) -> list[str]:
+    def _texts(self, model: dict[str, Any], key: str, path: _Place) -> list[str]:
         listed = model.get(key) or []
         if not isinstance(listed, list):
             raise self._refusal((*path, key), f"'{key}' is a list")
@@ -252,7 +251,7 @@ class _Expansion:
     def _end(
         self,
         text: str,
-        key_path: Place,
+        key_path: _Place,
         netlist: _NetlistModel,
         inner: dict[str, _NetlistModel],
         path: tuple[str, ...],

@@ -181,7 +181,6 @@ class SampleOutcomes(Sequence[SampleOutcome]):
 
     @cached_property
     def _index(self) -> tuple[Indices, Indices]:
-        """The block of every sample, -1 for none, and its index there."""
         holders, places = np.full(self._count, -1, dtype=np.intp), np.zeros(self._count, dtype=np.intp)
         for number, block in enumerate(self.blocks):
             holders[block.rows], places[block.rows] = number, np.arange(len(block))
@@ -189,7 +188,6 @@ class SampleOutcomes(Sequence[SampleOutcome]):
 
 
 def _block(group: Sequence[tuple[int, SampleOutcome]]) -> SampleBlock:
-    """Return outcomes of one form side by side."""
     rows, outcomes = (list(column) for column in zip(*group, strict=True))
     first: SampleOutcome = outcomes[0]
     failed = bool(first.error)

@@ -59,7 +59,6 @@ def explain(scene: Scene[IdentificationScene]) -> Explanation:
 
 
 def _explain_graph(scene: Scene[IdentificationScene]) -> Explanation:
-    """Return the explanation of an identification of a bond graph."""
     model = scene.model
     result = Result("identification", scene.title)
     facts: list[Fact] = []
@@ -126,7 +125,6 @@ def _add_record(
 def _of_model(
     structure: StructuralModel, reduction: StructuralReduction | None, method: str
 ) -> Iterator[Fact]:
-    """Yield the number of states, and the basis."""
     n = structure.size
     r = n if reduction is None else reduction.model.size
     parameters = f"{len(structure.unknowns)} unknown"
@@ -207,7 +205,6 @@ def _of_record(scene: Scene[IdentificationScene], likelihood: Likelihood) -> Ite
 
 
 def _of_estimator(estimator: EstimatorModel, *, frf: bool) -> Iterator[Fact]:
-    """Yield the estimator and its options."""
     passes = estimator.passes or FILTER_PASSES.value
     said = {
         "auto": f"{ESTIMATOR.sentence.format(value=ESTIMATOR.value)}; more passes and other starts only "
@@ -227,7 +224,6 @@ def _of_estimator(estimator: EstimatorModel, *, frf: bool) -> Iterator[Fact]:
 
 
 def _responses(analysis: ResponseModel) -> str:
-    """Return the requested responses, with the sizes of their grids."""
     requested = []
     if analysis.modes is not None:
         requested.append("modes")

@@ -69,7 +69,6 @@ def explain(scene: Scene[ReductionScene]) -> Explanation:
 
 
 def _masters_and_modes(reduction: Section) -> list[str]:
-    """Return the masters and modes of a method, in the terms of the scene."""
     choices = {
         key: getattr(reduction, key)
         for key in ("masters", "modes")

@@ -320,10 +320,7 @@ def built_graph(scene: Scene[BondGraphScene], control: ControlModel | None = Non
 def _parameters(
     model: BondGraphScene, graph: BondGraph, known: dict[str, Dual]
 ) -> tuple[SensitivityParameter, ...]:
-    """Return the variables of the sensitivities: the parameters, and the values written as numbers.
-
-    Those of controllers are called by their paths in the scene.
-    """
+    """Return the variables of the sensitivities: parameters, and values written as numbers."""
     from dynid.arithmetic.dependent import differentiate
     from dynid.arithmetic.numbers import to_fraction
 

@@ -30,12 +30,11 @@ from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.scene.schema.bond_graph import BondGraphScene
 
-VariedQuantity = tuple[str, str]
+_VariedQuantity = tuple[str, str]
 """What a path sets, `parameter`, `value` (of an element) or `stored` (energy), and its name."""
 
 
-def _varied(scene: Scene[BondGraphScene], path: str) -> VariedQuantity:
-    """Return the quantity that a path sets."""
+def _varied(scene: Scene[BondGraphScene], path: str) -> _VariedQuantity:
     model, parts = scene.model, path.split(".")
     if name := varied_parameter(model.parameters, parts):
         return ("parameter", name)
@@ -73,7 +72,7 @@ class GraphSamples:
         quantities = {("value", name): node.value for name, node in model.graph.nodes.items()}
         quantities |= {("stored", name): stored.f or stored.e for name, stored in model.initial.items()}
         # Of each value and stored energy that varies, the path that sets it, or its expression.
-        self._origins: dict[VariedQuantity, str | Expression] = {
+        self._origins: dict[_VariedQuantity, str | Expression] = {
             place: quantity.expression
             for place, quantity in quantities.items()
             if quantity is not None and quantity.expression is not None and quantity.expression.names & names
@@ -88,7 +87,7 @@ class GraphSamples:
     def run(self, overrides: Overrides) -> SampleOutcomes:
         """Return the outcomes of samples; those that differ in more than numbers are pending."""
         parameters = self._numbers.at(overrides)
-        columns: dict[VariedQuantity, list[Any]] = {}
+        columns: dict[_VariedQuantity, list[Any]] = {}
         for (kind, name), origin in self._origins.items():
             if isinstance(origin, str):
                 column = numbers([override[origin] for override in overrides])

@@ -158,7 +158,6 @@ def _number(quantity: Quantity | None) -> float | None:
 
 
 def _target(target: DesignTarget, output: Port, source: str, band: tuple[float, float]) -> Target:
-    """Return a target of a channel; `band` is that of a peak without its own."""
     factor = angular_factor(target.frequency_unit)
     root = target.zero or target.pole
     if root is not None:

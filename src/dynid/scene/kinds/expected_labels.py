@@ -75,7 +75,6 @@ def problem_of_words(scene: Scene, names: Sequence[str]) -> str:
 
 
 def _words(data: Any) -> set[str]:
-    """Return the words of a scene: its keys and texts, but for `expect`, split into words."""
     words, waiting = set(_CHANNEL_WORDS), [value for key, value in data.items() if key != "expect"]
     for key in data.keys() - {"expect"}:
         words.add(str(key))
@@ -352,7 +351,6 @@ def _steps(scene: Scene, group: str) -> int | None:
 
 
 def _unknown_names(scene: Scene[IdentificationScene]) -> list[str]:
-    """Return the names of the unknown parameters of a scene."""
     model = scene.model
     unknowns = unknown_parameters(model) if model.graph is not None else structure_in(scene).unknowns
     return [parameter.name for parameter in unknowns]

@@ -301,10 +301,7 @@ def _problem_of_names(scene: Scene, parts: Parts) -> str:
 
 
 def _problem_of_layout(parts: Parts, further: Sequence[str], *, groups: bool) -> str:
-    """Return the reason why no result has an array or attribute at a path; empty where one may.
-
-    `further` are names of arrays beside those of the layout; with `groups` a group may be meant.
-    """
+    """Return the reason why no result has a path, with `further` arrays; `groups`: a group may be meant."""
     *group, name = parts
     *holder, array = group or ("",)
     if name in {*(names_in(tuple(group)) or ()), *further}:

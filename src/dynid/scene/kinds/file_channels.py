@@ -87,7 +87,6 @@ class _Model(NamedTuple):
 def _with_channels(
     scene: Scene, measurement: MeasurementModel, data: Mapping[str, Any], model: _Model
 ) -> dict[str, Any]:
-    """Return the measurement with its channels, and the excitation where the file gives it."""
     measured = data["measurement"]
     if not measurement.records:
         listed, forces = _written_out(scene, measurement, measured, "measurement", model)
@@ -141,10 +140,7 @@ def _shapes(
 def _written_out(
     scene: Scene, record: RecordModel, written: Mapping[str, Any], record_path: str, model: _Model
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Return the keys of a record, or of frequency responses, with those that its file gives; and the forces.
-
-    `record` is the record with what it shares with others, `written` its own keys in the scene.
-    """
+    """Return the own (`written`) keys of a record with those that its file gives, and the forces."""
     from dynid.files.table import DataFile
     from dynid.files.universal_file import UniversalFile, is_universal
     from dynid.scene.schema.modes import MatchModel
@@ -321,7 +317,6 @@ def _record(record: RecordModel, test: _Test) -> tuple[dict[str, Any], dict[str,
 
 
 def _stored_step(test: _Test, number: int) -> float:
-    """Return the mean step of a time history whose times are stored one by one."""
     from dynid.files.universal_file import mean_step
 
     histories = [function for function in test.source.functions() if function.kind in (0, 1)]
@@ -332,7 +327,6 @@ def _stored_step(test: _Test, number: int) -> float:
 
 
 def _check_known(test: _Test, functions: Sequence[tuple[int, UniversalFunction]]) -> None:
-    """Refuse functions of unknown quantities or places."""
     test.refuse(
         [function for function in functions if test.quantity(function[1]) not in (*_MOTIONS, "force")],
         "does not say that these are motions or forces",
@@ -348,7 +342,6 @@ def _check_known(test: _Test, functions: Sequence[tuple[int, UniversalFunction]]
 def _check_different(
     test: _Test, functions: Sequence[tuple[int, UniversalFunction]], channels: Sequence[Any]
 ) -> None:
-    """Refuse functions that measure the same."""
     for at, channel in enumerate(channels):
         before = channels.index(channel)
         test.refuse(

@@ -224,7 +224,6 @@ def _expand_structure(
 
 
 def _loop(loop: LoopModel, measured: Port, index: int) -> Loop:
-    """Return the loop at a place in the scene, which measures a variable of the graph."""
     controller, path = loop.controller, f"control.loops.{index}"
     quotient: tuple[list[Real], list[Real]]
     if controller.pid is not None:
@@ -281,7 +280,6 @@ def _dependent(section: Any, path: str, dependents: Mapping[str, Dependent]) -> 
 
 
 def _laws_of(scene: Scene, graph: GraphModel) -> dict[str, Law]:
-    """Return the laws of the nodes of a graph."""
     from dynid.bondgraph.operating_point.element_laws import Law
 
     laws: dict[str, Law] = {}

@@ -370,7 +370,6 @@ def which_modes(asked: ResponseModes) -> tuple[int | None, float | None]:
 
 
 def _outputs(model: IdentificationScene, structure: StructuralModel | None) -> list[Channel]:
-    """Return the outputs of responses: the given ones, else those of the sensors."""
     sensors = model.measurement.sensors if model.measurement else []
     outputs = (model.responses and model.responses.outputs) or sensors
     return list(dict.fromkeys(channel_of(item, structure) for item in outputs))

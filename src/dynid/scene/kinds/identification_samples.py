@@ -37,7 +37,6 @@ class _VariedValue(NamedTuple):
 
 
 def _varied(model: IdentificationScene, path: str) -> _VariedValue:
-    """Return the value that a path sets."""
     measurement = model.measurement
     match path.split("."):
         case ["measurement", "simulate", ("seed" | "noise_ratio" | "noise") as name]:
@@ -100,7 +99,6 @@ class IdentificationSamples:
     def _setting_of(
         self, scene: Scene[IdentificationScene], structure: StructuralModel, override: Mapping[str, Any]
     ) -> Setting:
-        """Return the input of the estimator of a sample."""
         if not self._same:
             return setting(scene, structure)
         if not self._seeds:

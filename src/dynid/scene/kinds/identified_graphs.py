@@ -141,7 +141,6 @@ def _add_scope(
     built: BuiltGraph,
     analysis: Sequence[ScopePart],
 ) -> None:
-    """Add the scope of the model: values, engines, structures that are reduced, and the analysis."""
     measured = model.measurement is not None
     valued = [name for name, node in graph.graph.nodes.items() if node.value is not None]
     free = [name for name in valued if graph.graph.nodes[name].dependent is not None]

@@ -241,7 +241,6 @@ def _check_different(channels: Sequence[Any], path: str, model: Tested) -> None:
 
 
 def _instrument_of(channel: ChannelModel) -> tuple[Real, Real, Real]:
-    """Return gain, offset and delay of a sensor."""
     usual = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
     stated = {key: getattr(channel, key, None) for key in usual}
     gain, offset, delay = (
@@ -283,10 +282,7 @@ def loads_of(
 
 
 def _actuator_of(signal: SignalPart) -> tuple[Real, Real]:
-    """Return gain and delay with which a signal acts.
-
-    A signal in a file was recorded: it is gain times what acts, delay later.
-    """
+    """Return gain and delay with which a signal acts; in a file stands gain times what acts, delay later."""
     gain = 1.0 if signal.gain is None else signal.gain.real
     delay = 0.0 if signal.delay is None else signal.delay.real
     return (1.0 / gain, -delay) if isinstance(signal, FileSignal) else (gain, delay)
@@ -403,10 +399,7 @@ def _read(scene: Scene, frf: FrfModel, channels: tuple[Frf, ...]) -> MeasuredRes
 
 
 def _check_coherence(path: Path, responses: MeasuredResponses, frf: FrfModel, used: NDArray[np.bool_]) -> str:
-    """Return a warning of impossible coherences at lines that are not used.
-
-    Raises `FileError` if a coherence at a line that is used is not above 0 and at most 1.
-    """
+    """Return a warning of impossible coherences at lines that are not used; others raise `FileError`."""
     if responses.coherence is None:
         return ""
     wrong = (responses.coherence <= 0) | (responses.coherence > 1)

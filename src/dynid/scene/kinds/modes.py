@@ -27,7 +27,6 @@ def modal_measurement(scene: Scene, modes: MeasuredModesModel) -> ModalMeasureme
 
 
 def _listed(modes_model: MeasuredModesModel) -> ModalMeasurement:
-    """Return modes that the scene lists."""
     import numpy as np
 
     factor, modes = angular_factor(modes_model.unit), modes_model.values
@@ -62,7 +61,6 @@ def _listed(modes_model: MeasuredModesModel) -> ModalMeasurement:
 
 
 def _from_file(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
-    """Return the modes in a file."""
     import numpy as np
 
     from dynid.files.read_measured import read_modes

@@ -113,7 +113,6 @@ def reductor_by_parts(parts: Mapping[str, ReductionModel | None], interest: Inte
 
 
 def _options(reduction: ReductionModel) -> dict[str, Any]:
-    """Return the options of the class of a method."""
     skipped = {"method", "unit"}
     chosen = {name: getattr(reduction, name) for name in type(reduction).model_fields if name not in skipped}
     options: dict[str, Any] = {name: value for name, value in chosen.items() if value is not None}

@@ -107,7 +107,6 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
 
 
 def _operated(node: Dependent, operands: list[Any]) -> Any:
-    """Return the result of an operation on numbers, or arrays of them."""
     if node.operation not in _OPERATIONS:
         raise NotShared(f"the matrices take the function {node.operation} of what varies")
     return _OPERATIONS[node.operation](*operands)
@@ -199,7 +198,6 @@ class ReductionSamples:
         return cast("ReductionScene", with_quantities(model, own))
 
     def _check(self, reference: Mapping[str, float], exemplar: Mapping[str, Variable]) -> None:
-        """Compare the scene as it stands with its run alone."""
         (block,) = self.run([reference]).blocks or (None,)
         if block is None:
             raise NotShared(
@@ -324,7 +322,6 @@ class ReductionSamples:
         return arrays, sure
 
     def _energies(self, bare: Stack, values: Mapping[str, Array]) -> StackedEnergies:
-        """Return the stiffness of the structure's parts and of each joint."""
         structure, count = self._structure, len(bare.M)
         parts = [
             np.array([structure.index(dof) for dof in dofs]) for dofs in self._model.substructures.values()
@@ -336,7 +333,6 @@ class ReductionSamples:
 
     @cached_property
     def _joint_stiffness(self) -> list[_VaryingMatrix]:
-        """The stiffness of each joint."""
         matrices, structure = [], self._structure
         for joint in structure.joints:
             single = structure.joined([joint])

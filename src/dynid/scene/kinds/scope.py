@@ -129,7 +129,6 @@ _SHAPES = "identification/modes"
 
 
 def _dof_of(name: str) -> int | str:
-    """Return the DOF that a name in a result means: a number, or a text."""
     return int(name) if name.isdecimal() else name
 
 

@@ -243,10 +243,7 @@ def of_stated_kind(measured: Any, sensor: MeasuredChannelModel | FileSignal, hea
 
 
 def _amplitude_factor(unit: str, measured: Any, path: str, *, impulse: bool) -> float:
-    """Return the factor by which an amplitude is multiplied to be SI; that of an impulse is an area.
-
-    Raises `UsageError` where the unit does not fit.
-    """
+    """Return the factor by which an amplitude is multiplied to be SI; that of an impulse is an area."""
     from dynid.units import as_factor, si_factor
 
     expected = [f"{as_factor(name)}.s" if impulse else name for name in _units_of(measured)]
@@ -261,7 +258,6 @@ def _amplitude_factor(unit: str, measured: Any, path: str, *, impulse: bool) -> 
 
 
 def _same(first: str, second: str) -> bool:
-    """Return True if two units are the same: of one dimension, with one factor."""
     from dynid.units import readings
 
     pairs = ((a, b) for a in readings(first) for b in readings(second))
@@ -269,7 +265,6 @@ def _same(first: str, second: str) -> bool:
 
 
 def _named(measured: Any) -> str:
-    """Return what is measured, in words."""
     from dynid.structure.ports import Channel, Load
 
     if getattr(measured, "force", None) is not None:

@@ -157,7 +157,6 @@ def with_units(
 
 
 def _of_structures(structures: Sequence[StructureModel]) -> Iterator[tuple[Quantity | None, str]]:
-    """Yield the quantities of structures with their units."""
     for structure in structures:
         yield from ((quantity, _UNITS[key]) for key, quantity in quantities(structure) if key in _UNITS)
         model = structure.beam or structure.frame or structure.space_frame
@@ -170,7 +169,6 @@ def _of_structures(structures: Sequence[StructureModel]) -> Iterator[tuple[Quant
 def _of_joints(
     structures: Sequence[StructureModel], joints: Mapping[str, JointModel]
 ) -> Iterator[tuple[Quantity | None, str]]:
-    """Yield the values of joints with their units."""
     labels: Sequence[int | str] = []  # as far as the scene states or determines them
     if len(structures) == 1:
         stated = structures[0].matrices.labels if structures[0].matrices else None

@@ -85,7 +85,6 @@ Located = tuple[tuple[str | int, ...], str]
 
 
 def _study_faults(model: StudyScene) -> Iterator[Located]:
-    """Yield the faults of a study without its scene: the path at fault, and a message."""
     yield from _path_faults(model)
     yield from _group_faults(model)
     yield from _sampling_faults(model)
@@ -225,7 +224,6 @@ def refused(scene: Scene, model: StudyScene, base: Scene) -> Iterator[Fault]:
 
 
 def _cycles(needs: Mapping[str, Sequence[str]]) -> Iterator[list[str]]:
-    """Yield the cycles of references, each once."""
     sorted_out: set[str] = set()
     for start in needs:
         chain: list[str] = []

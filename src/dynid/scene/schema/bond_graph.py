@@ -134,7 +134,7 @@ def _matrix(rows: list[list[Quantity]], info: ValidationInfo) -> list[list[Quant
 
 
 _PortName = Annotated[str, AfterValidator(_port_name)]
-PortMatrix = Annotated[
+_PortMatrix = Annotated[
     list[Annotated[list[Uncertain], Field(min_length=1, max_length=100)]],
     Field(min_length=1, max_length=100),
     AfterValidator(_matrix),
@@ -155,7 +155,7 @@ class NodeModel(Section):
     value: NodeValue | None = None
     law: Annotated[LawModel, Later()] | None = None
     domain: Domain | None = None
-    matrix: PortMatrix | None = None
+    matrix: _PortMatrix | None = None
     structure: Annotated[StructureModel, Later()] | None = None
     reduction: ReductionModel | None = None
     joints: dict[str, Annotated[JointModel, Later()]] = {}
@@ -253,7 +253,6 @@ def _chain_problem(raw: Any, nodes: Mapping[str, str]) -> str:
 
 
 def _chains(entries: list[Any], info: ValidationInfo) -> list[tuple[Bond, ...]]:
-    """Read the bonds of a graph, and check their numbers at the nodes."""
     nodes = names_of(info).nodes
     problems = {index: text for index, raw in enumerate(entries) if (text := _chain_problem(raw, nodes))}
     chains = [
@@ -268,10 +267,7 @@ def _chains(entries: list[Any], info: ValidationInfo) -> list[tuple[Bond, ...]]:
 def _bond_faults(
     types: Mapping[str, str], chains: list[tuple[Bond, ...]], *, complete: bool
 ) -> Iterator[Located]:
-    """Yield the faults of the numbers of bonds at nodes and ports.
-
-    Where not all bonds are known, a node that may only lack one is not reported.
-    """
+    """Yield the faults of the numbers of bonds at nodes; a node that may only lack one needs all bonds."""
     indices = [index for index, chain in enumerate(chains) for _ in chain]
     bonds = [bond for chain in chains for bond in chain]
     ins, outs = (Counter(bond[end] for bond in bonds) for end in (1, 0))
@@ -302,7 +298,6 @@ def _end_fault(nodes: Mapping[str, str], end: str) -> str:
 
 
 def _link(raw: Any, info: ValidationInfo) -> Bond:
-    """Read the bond of a port: a -> b, from the source to the load."""
     ends = chain_ends(raw) if isinstance(raw, str) else []
     if len(ends) != 2:
         raise fault("a port is one bond of the graph, written 'source side -> load side', such as 'a -> b'")

@@ -26,7 +26,7 @@ Coefficients = Annotated[list[Uncertain], Field(min_length=1, max_length=50)]
 
 
 #: Most loops with delays: the terms of their characteristic function double with each.
-MAX_DELAYS = 8
+_MAX_DELAYS = 8
 DELAY_REMEDY = "leave it out, or write the delay as a rational function (numerator, denominator)"
 
 
@@ -126,7 +126,6 @@ class ControlModel(Section):
                 yield ("analysis", "inputs", index), message
 
     def _name_faults(self, nodes: Mapping[str, str]) -> Iterator[Located]:
-        """Yield the references and setpoints with the name of something else."""
         seen = dict[str, str]()
         for (index, loop), key in product(enumerate(self.loops), ("reference", "setpoint")):
             if name := getattr(loop, key):
@@ -139,5 +138,5 @@ class ControlModel(Section):
         """Yield the fault of delays that are not identified, or too many."""
         if linear and self.delays:
             yield (*self.delays[0][1:], AT_KEY), f"a loop with a delay is not identified; {DELAY_REMEDY}"
-        elif len(self.delays) > MAX_DELAYS:
-            yield ("loops", AT_KEY), f"at most {MAX_DELAYS} loops may have a delay"
+        elif len(self.delays) > _MAX_DELAYS:
+            yield ("loops", AT_KEY), f"at most {_MAX_DELAYS} loops may have a delay"

@@ -58,14 +58,14 @@ class RootModel(Section):
         return self
 
 
-RootPlace = Annotated[RootModel, short_for("frequency", RootModel | float | str)]
+_RootPlace = Annotated[RootModel, short_for("frequency", RootModel | float | str)]
 
 
 class DesignTarget(Section):
     """A target: a zero or a pole that is wanted, or a norm to minimise, of a channel."""
 
-    zero: RootPlace | None = None
-    pole: RootPlace | None = None
+    zero: _RootPlace | None = None
+    pole: _RootPlace | None = None
     minimise: Literal["peak", "h2", "hinf"] | None = None
     output: Output | None = None
     input: SourceName | None = None
@@ -96,7 +96,7 @@ def _with_defaults(raw: Any) -> Any:
     return raw if isinstance(raw, dict) else {} if raw is None else {"start": raw}
 
 
-FreeEntry = Annotated[
+_FreeEntry = Annotated[
     FreeModel, BeforeValidator(_with_defaults, json_schema_input_type=FreeModel | float | str | None)
 ]
 """A free parameter, its start alone, or nothing: it starts at its value."""
@@ -105,7 +105,7 @@ FreeEntry = Annotated[
 class DesignModel(Section):
     """A design: free parameters and targets; all results are those of the designed graph."""
 
-    free: dict[str, FreeEntry] = Field(min_length=1, max_length=50)
+    free: dict[str, _FreeEntry] = Field(min_length=1, max_length=50)
     targets: list[DesignTarget] = Field(min_length=1, max_length=50)
     starts: int = Field(default=5, ge=1, le=1000, strict=True)
     seed: int = Field(default=0, ge=0, strict=True)

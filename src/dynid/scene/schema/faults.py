@@ -54,7 +54,7 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
             similar_key for similar_key in unknown.get(tuple(holder), ()) if did_you_mean(similar_key, [key])
         )
         if item["type"] != "missing" or not any(similar):
-            places[data_path(source.data, item["loc"])].append(item)
+            places[_data_path(source.data, item["loc"])].append(item)
     faults = []
     for items in places.values():
         # The errors of the members of a union become one: the value must be one type or another.
@@ -89,7 +89,7 @@ def without_unknown_keys(data: Any, error: ValidationError) -> Any:
 def located(source: Source, faults: Iterable[Located]) -> list[Fault]:
     """Return faults by their paths in a scene, each at its line and column."""
     return [
-        source.fault(data_path(source.data, path), message, key=path[-1:] == (AT_KEY,))
+        source.fault(_data_path(source.data, path), message, key=path[-1:] == (AT_KEY,))
         for path, message in faults
     ]
 
@@ -97,7 +97,7 @@ def located(source: Source, faults: Iterable[Located]) -> list[Fault]:
 def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fault:
     loc, kind = tuple(error["loc"]), error["type"]
     strange = kind in ("extra_forbidden", "invalid_key")
-    path = _unknown_key(source.data, loc) if strange else data_path(source.data, loc)
+    path = _unknown_key(source.data, loc) if strange else _data_path(source.data, loc)
     if strange:
         name = _dotted(path[:-1]) or "a scene"
         holder = _model_at(model, loc[:-1])
@@ -203,7 +203,6 @@ def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
 
 
 def _tag(error: dict[str, Any]) -> str:
-    """Return the key that distinguishes the members of a union."""
     return str(error["ctx"]["discriminator"]).strip("'")
 
 
@@ -218,7 +217,7 @@ def _shown(value: Any) -> str:
     return text if len(text) < 60 else f"{text[:57]}…"
 
 
-def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
+def _data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
     """Return the part of the location of an error that exists in the data (it names union members too)."""
     path: list[Any] = []
     holders = [data]
@@ -243,7 +242,7 @@ def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
 def _unknown_key(data: Any, loc: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the path of an unknown key; a union member in its location may have the name of another key."""
     without = (loc[:index] + loc[index + 1 :] for index in range(len(loc) - 1))
-    paths = [data_path(data, some) for some in (loc, *without)]
+    paths = [_data_path(data, some) for some in (loc, *without)]
     return next((path for path in paths if path[-1:] == loc[-1:]), paths[0])
 
 

@@ -121,7 +121,7 @@ def _analysis_of(raw: Any) -> str:
     return "graph" if named or graph_keys else "structure"
 
 
-IdentifiedAnalysis = Annotated[
+_IdentifiedAnalysis = Annotated[
     Annotated[ResponseModel, Later(), Tag("structure")]
     | Annotated[Any, Later("dynid.scene.schema.bond_graph:AnalysisModel"), Tag("graph")],
     Discriminator(_analysis_of),
@@ -188,7 +188,7 @@ class IdentificationScene(ComposedScene):
     derived: list[Literal["poles", "zeros", "modes", "frequency_response"]] | None = None
     posterior_check: bool = False
     plan: Annotated[PlanModel, Later()] = PlanModel.model_construct()
-    analysis: IdentifiedAnalysis | None = None
+    analysis: _IdentifiedAnalysis | None = None
     initial: dict[Dof, Annotated[InitialMotion, Later()]] = {}
 
     @property
@@ -337,7 +337,6 @@ class IdentificationScene(ComposedScene):
         return any(signal.kind != "impulse" for signal in signals)
 
     def _load_faults(self) -> Iterator[Located]:
-        """Yield the faults of the signals of a structure: what they drive."""
         for path, signal in sections(self, SignalPart):
             if signal.base is not None and (signal.dof is not None or signal.motion is not None):
                 yield (*path, "base", AT_KEY), "the base moves, or a 'dof' does"

@@ -49,7 +49,7 @@ def _slopes(entry: Quantity) -> dict[str, float]:
     return {name: float(f"{rate:.10g}") for name, rate in entry.dependent.at_reference().slopes.items()}
 
 
-JointMatrix = Annotated[
+_JointMatrix = Annotated[
     list[list[Uncertain]], Field(min_length=1, max_length=100), AfterValidator(_symmetric)
 ]
 
@@ -67,7 +67,7 @@ class ParameterModel(Section):
     start: Start | None = None
     value: UncertainSpring | None = None
     true: Positive | None = None
-    matrix: JointMatrix | None = None
+    matrix: _JointMatrix | None = None
     min: Positive | None = None
     max: Positive | None = None
     prior: PriorModel | None = None
@@ -102,7 +102,7 @@ class MassModel(Section):
     """A joint's mass: a number, shared equally between its DOFs, or a block over them."""
 
     value: UncertainNotNegative | None = None
-    matrix: JointMatrix | None = None
+    matrix: _JointMatrix | None = None
 
 
 def _plain_is_known(raw: Any) -> Any:
@@ -112,10 +112,10 @@ def _plain_is_known(raw: Any) -> Any:
 
 
 _PLAIN = float | str | list[list[float | str]]
-JointValue = Annotated[
+_JointValue = Annotated[
     ParameterModel, BeforeValidator(_plain_is_known, json_schema_input_type=ParameterModel | _PLAIN)
 ]
-JointMass = Annotated[MassModel, BeforeValidator(_plain_is_known, json_schema_input_type=MassModel | _PLAIN)]
+_JointMass = Annotated[MassModel, BeforeValidator(_plain_is_known, json_schema_input_type=MassModel | _PLAIN)]
 
 
 def by_direction(raw: Any) -> bool:
@@ -127,8 +127,8 @@ def _extent(raw: Any) -> str:
     return "components" if by_direction(raw) else "whole"
 
 
-JointValues = Annotated[
-    Annotated[JointValue, Tag("whole")] | Annotated[dict[Direction, JointValue], Tag("components")],
+_JointValues = Annotated[
+    Annotated[_JointValue, Tag("whole")] | Annotated[dict[Direction, _JointValue], Tag("components")],
     Discriminator(_extent),
 ]
 """One value, or of a joint between points values by direction."""
@@ -156,9 +156,9 @@ class JointModel(LinkModel):
 
     dofs: list[Dof] = Field(default=[], max_length=100)
     points: list[str] | None = Field(default=None, min_length=1, max_length=2)
-    k: JointValues | None = None  # type: ignore[assignment]
-    c: JointValues | None = None  # type: ignore[assignment]
-    m: JointMass | None = None
+    k: _JointValues | None = None  # type: ignore[assignment]
+    c: _JointValues | None = None  # type: ignore[assignment]
+    m: _JointMass | None = None
     axes: Axes | None = None
     at: Vector | None = None
 

@@ -26,7 +26,7 @@ from dynid.scene.schema.raw import PORT, law_variable
 from dynid.suggestions import did_you_mean
 
 #: Types of nodes whose `value` may depend on variables.
-MODULATED = (*TWO_PORTS, "R")
+_MODULATED = (*TWO_PORTS, "R")
 _LINEAR = "laws are for scenes of kind bond-graph; identify the linear graph at the operating point"
 _GIVEN = {"R": ("e", "f"), "I": ("f",), "C": ("e",)}
 
@@ -58,7 +58,7 @@ def _modulated(raw: Any, info: ValidationInfo) -> Quantity:
         )
         meant = any("." in name and name.rpartition(".")[2] in QUANTITIES for name in unread)
         if meant or variables_of(expression, nodes):
-            if kind not in MODULATED:
+            if kind not in _MODULATED:
                 remedy = "write a law" if kind in _GIVEN else "it has no value"
                 raise fault(f"the value of {kind} cannot depend on variables; {remedy}")
             if scene_names.linear:
@@ -172,7 +172,6 @@ class OperatingPointModel(Section):
         return self
 
     def _faults(self, types: Mapping[str, str]) -> Iterator[Located]:
-        """Yield the faults of names, of sources and variables, and of ranges."""
         sources = [node for node, kind in types.items() if kind in SOURCES]
         for name in self.inputs:
             if types.get(name) not in SOURCES:

@@ -160,17 +160,17 @@ Channels = Annotated[
 
 
 def _is_order(raw: Any) -> Any:
-    if raw == "auto" or (type(raw) is int and 1 <= raw <= MAX_ORDER):
+    if raw == "auto" or (type(raw) is int and 1 <= raw <= _MAX_ORDER):
         return raw
-    raise fault(f"'order' is a whole number from 1 to {MAX_ORDER}, or auto")
+    raise fault(f"'order' is a whole number from 1 to {_MAX_ORDER}, or auto")
 
 
 #: The highest order of coloured noise.
-MAX_ORDER = 200
-NoiseOrder = Annotated[
+_MAX_ORDER = 200
+_NoiseOrder = Annotated[
     Any,
     PlainValidator(_is_order),
-    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1, "maximum": MAX_ORDER}, {"const": "auto"}]}),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1, "maximum": _MAX_ORDER}, {"const": "auto"}]}),
 ]
 
 
@@ -178,7 +178,7 @@ class NoiseModel(Section):
     """Noise that is not white: coloured, of records of time; or proportional to a frequency response."""
 
     kind: Literal["coloured", "proportional"]
-    order: NoiseOrder = "auto"
+    order: _NoiseOrder = "auto"
     correlated: bool = False
     ratio: PerElement | None = None
 
@@ -401,7 +401,6 @@ class RecordModel(Section):
             self._check_frf()
 
     def _check_record(self, of: str) -> None:
-        """Refuse a record of time that is not whole."""
         if any(channel.reference for channel in self.channels or ()):
             raise fault("a 'reference' is that of a frequency response; there is no 'frf'")
         for key in ("step", "samples", "channels"):
@@ -440,7 +439,6 @@ class RecordModel(Section):
             raise fault(f"coloured noise of order {order} needs {needed} samples, and there are {samples}")
 
     def _check_levels(self, simulate: NoisyModel | None) -> None:
-        """Refuse noise of more or fewer channels than there are."""
         channels = len(self.channels or ())
         noise = self.noise.ratio if isinstance(self.noise, NoiseModel) else self.noise
         levels = {"noise": noise}

@@ -39,7 +39,7 @@ Component = (
 """A component of a shape, or [real, imaginary] of a complex one."""
 
 
-ShapeStd = Annotated[
+_ShapeStd = Annotated[
     Annotated[NotNegative, Tag("one")] | Annotated[dict[SignedDof, NotNegative], Tag("mapping")],
     by_form("one", "mapping"),
 ]
@@ -53,7 +53,7 @@ class ModeModel(Section):
     damping: Value | None = None
     damping_std: NotNegative | None = None
     shape: dict[SignedDof, Annotated[Component, by_form("one", "list")]] = {}
-    shape_std: ShapeStd | None = None
+    shape_std: _ShapeStd | None = None
 
     @model_validator(mode="after")
     def _scatter_is_of_something(self) -> Self:

@@ -18,11 +18,11 @@ PartName = Annotated[str, Field(pattern=r"^[^\W\d][^\s.:]*$", max_length=40)]
 """Name of a part or a point; ``PART.NODE:DIR`` and ``POINT:DIR`` name DOFs by it."""
 
 #: The reduction of a part without a method.
-PART_METHOD = "craig-bampton"
+_PART_METHOD = "craig-bampton"
 
 
 def _with_method(raw: Any) -> Any:
-    return {"method": PART_METHOD, **raw} if isinstance(raw, dict) else raw
+    return {"method": _PART_METHOD, **raw} if isinstance(raw, dict) else raw
 
 
 class PartModel(StructureModel):
@@ -45,15 +45,15 @@ class PartModel(StructureModel):
         return self
 
 
-NodeName = Annotated[int, Field(ge=1, strict=True)] | str
+_NodeName = Annotated[int, Field(ge=1, strict=True)] | str
 
 
 class PointModel(Section):
     """A node, or a set of nodes that moves as a whole, with three displacements and three rotations."""
 
     part: str | None = None
-    node: NodeName | None = None
-    nodes: Annotated[list[NodeName], Field(min_length=2, max_length=100_000), once("node")] | None = None
+    node: _NodeName | None = None
+    nodes: Annotated[list[_NodeName], Field(min_length=2, max_length=100_000), once("node")] | None = None
     set: str | None = None
     spread: Literal["rigid", "distributed"] = "distributed"
     at: Vector | None = None

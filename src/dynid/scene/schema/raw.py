@@ -82,12 +82,12 @@ def chain_fault(text: str) -> str:
     return f"bond '{text}': an entry holds one chain; write an entry for each: {entries}"
 
 
-#: Types of the nodes that bonds attach to at named ports, and of these ports, in `node_types`.
+#: Types of the nodes that bonds attach to at named ports, and of these ports, in `_node_types`.
 FIELD, COUPLING, STRUCTURE, PORT = "field", "multiport", "structure", "port"
 MULTIPORTS = (FIELD, COUPLING, STRUCTURE)
 
 
-def node_types(data: Any) -> dict[str, str]:
+def _node_types(data: Any) -> dict[str, str]:
     """Return the type of every node of a bond graph as written; empty where it cannot be read.
 
     With `matrix` or `ports` an I, C or R has the type `FIELD`, a TF or GY the type `COUPLING`; the ports of
@@ -109,7 +109,7 @@ def references(data: Any) -> dict[str, str]:
 
     A reference has the type of the driven source, a setpoint is an effort.
     """
-    types, signals = node_types(data), {}
+    types, signals = _node_types(data), {}
     for loop in listing(mapping(data, "control"), "loops"):
         for key in ("reference", "setpoint"):
             name = mapping_of(loop).get(key)
@@ -119,7 +119,7 @@ def references(data: Any) -> dict[str, str]:
 
 
 def ports_of(types: Mapping[str, str], name: str) -> list[str]:
-    """Return the ports of a node that has several, ``field.a``, in `node_types`."""
+    """Return the ports of a node that has several, ``field.a``, in `_node_types`."""
     return [port for port, kind in types.items() if kind == PORT and port.rpartition(".")[0] == name]
 
 
@@ -163,7 +163,7 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
         linear=source.data.get("kind") == "identification",
         identifying=free is not None or source.data.get("kind") == "identification",
         faulty=frozenset(raw.keys() - values.keys()),
-        nodes=node_types(source.data),
+        nodes=_node_types(source.data),
         references=references(source.data),
         complete=isinstance(source.data.get("parameters", {}), dict) and not _misnamed(source.data),
     )

@@ -29,8 +29,8 @@ from dynid.scene.schema.structure import StructureModel
 Unit = Literal["rad/s", "Hz"]
 
 
-DofList = Annotated[list[Dof], Field(min_length=1, max_length=100_000), once("DOF")]
-SignedDofList = Annotated[list[SignedDof], Field(min_length=1, max_length=100_000), once("DOF")]
+_DofList = Annotated[list[Dof], Field(min_length=1, max_length=100_000), once("DOF")]
+_SignedDofList = Annotated[list[SignedDof], Field(min_length=1, max_length=100_000), once("DOF")]
 _Numbers = Annotated[list[Annotated[int, Field(ge=1, strict=True)]], Field(min_length=1), once("mode")]
 
 
@@ -56,7 +56,7 @@ class ModesModel(Section):
 
 
 Masters = Annotated[
-    Annotated[DofList, Tag("list")] | Annotated[MastersModel, Tag("mapping")], by_form("list", "mapping")
+    Annotated[_DofList, Tag("list")] | Annotated[MastersModel, Tag("mapping")], by_form("list", "mapping")
 ]
 Modes = Annotated[
     Annotated[_Numbers, Tag("list")] | Annotated[ModesModel, Tag("mapping")], by_form("list", "mapping")
@@ -195,9 +195,9 @@ class ReductionScene(SceneModel):
     joints: dict[str, JointModel] = {}
     reduction: list[ReductionModel] = Field(min_length=1, max_length=1000)
     frequency: FrequencyGrid | None = None
-    inputs: SignedDofList | None = None
+    inputs: _SignedDofList | None = None
     outputs: Annotated[list[OutputModel], Field(min_length=1), once("this output")] | None = None
-    substructures: dict[str, DofList] = {}
+    substructures: dict[str, _DofList] = {}
 
     @model_validator(mode="after")
     def _responses_have_frequencies(self) -> Self:

@@ -44,7 +44,7 @@ NODE = Reference("node")
 FILE = Reference("file")
 
 
-class Occurrence(NamedTuple):
+class _Occurrence(NamedTuple):
     """One reference in a scene: its path, its value as written, and whether it is a key."""
 
     path: Path
@@ -94,7 +94,6 @@ def _joined(first: _Shape | None, second: _Shape | None) -> _Shape | None:
 
 
 def _shape(annotation: Any, metadata: Iterable[Any] = ()) -> _Shape:
-    """Return the shape of a type; of a union what any member has."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     metadata = tuple(metadata)
     shape = _Shape(
@@ -125,9 +124,9 @@ def _fields(model: type[BaseModel]) -> dict[str, _Shape]:
     return {name: field_shape for name, field_shape in fields.items() if field_shape}
 
 
-def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occurrence]]:
+def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, _Occurrence]]:
     """Yield every value in a section with its shape; one that does not fit its type is not entered."""
-    yield shape, Occurrence(path, value)
+    yield shape, _Occurrence(path, value)
     if isinstance(value, BaseModel):
         value = entries(value)
     if isinstance(value, list) and shape.item:
@@ -139,14 +138,14 @@ def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occur
             yield from _walk(shape.item, value, path)
         for key, entry in value.items():
             if shape.key and shape.key.references:
-                yield shape.key, Occurrence((*path, key), key, is_key=True)
+                yield shape.key, _Occurrence((*path, key), key, is_key=True)
             if shape.value:
                 yield from _walk(shape.value, entry, (*path, key))
             elif key in shape.fields:
                 yield from _walk(shape.fields[key], entry, (*path, key))
 
 
-def references(model: type[BaseModel], data: Any, to: Reference) -> Iterator[Occurrence]:
+def references(model: type[BaseModel], data: Any, to: Reference) -> Iterator[_Occurrence]:
     """Yield the references of a kind in a section.
 
     The section is valid, or plain data, which need not be valid.

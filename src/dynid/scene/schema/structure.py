@@ -38,13 +38,13 @@ from dynid.units import unit_fits
 #: The most elements and nodes that a scene may ask for.
 MAX_ELEMENTS = 100_000
 
-NodeNumber = Annotated[int, Field(ge=1, strict=True), NODE]
+_NodeNumber = Annotated[int, Field(ge=1, strict=True), NODE]
 
 
 PerElement = OneOrList[Positive]
 PerElementOrZero = OneOrList[NotNegative]
-UncertainPerElement = OneOrList[UncertainPositive]
-UncertainPerElementOrZero = OneOrList[UncertainNotNegative]
+_UncertainPerElement = OneOrList[UncertainPositive]
+_UncertainPerElementOrZero = OneOrList[UncertainNotNegative]
 
 
 class DampingModel(Section):
@@ -52,7 +52,7 @@ class DampingModel(Section):
 
     alpha: UncertainNotNegative | None = None
     beta: UncertainNotNegative | None = None
-    ratio: UncertainPerElementOrZero | None = None
+    ratio: _UncertainPerElementOrZero | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -65,7 +65,7 @@ class DampingModel(Section):
 class PointMassModel(Section):
     """A mass at a node."""
 
-    node: NodeNumber
+    node: _NodeNumber
     m: UncertainNotNegative | None = None
     J: UncertainNotNegative | None = None
 
@@ -79,19 +79,19 @@ class PointMassModel(Section):
 class BeamSupport(Section):
     """Support of a node of a beam."""
 
-    node: NodeNumber
+    node: _NodeNumber
     fix: list[Literal["w", "theta"]] = Field(min_length=1)
 
 
 class FrameSupport(Section):
     """Support of a node of a frame."""
 
-    node: NodeNumber
+    node: _NodeNumber
     fix: list[Literal["u", "w", "theta"]] = Field(min_length=1)
 
 
 class _Spring(Section):
-    node: NodeNumber
+    node: _NodeNumber
     k: UncertainSpring | None = None
     c: UncertainSpring | None = None
 
@@ -118,9 +118,9 @@ class BeamModel(Section):
     """An Euler–Bernoulli beam of elements in a row; nodes count from 1."""
 
     elements: int = Field(ge=1, le=MAX_ELEMENTS, strict=True)
-    length: UncertainPerElement
-    EI: UncertainPerElement
-    rhoA: UncertainPerElementOrZero
+    length: _UncertainPerElement
+    EI: _UncertainPerElement
+    rhoA: _UncertainPerElementOrZero
     supports: list[BeamSupport] = []
     masses: list[PointMassModel] = []
     springs: list[BeamSpring] = []
@@ -143,7 +143,7 @@ class BeamModel(Section):
 class MemberModel(Section):
     """A straight member of a frame between two nodes."""
 
-    nodes: list[NodeNumber] = Field(min_length=2, max_length=2)
+    nodes: list[_NodeNumber] = Field(min_length=2, max_length=2)
     EA: UncertainPositive
     EI: UncertainPositive
     rhoA: UncertainNotNegative
@@ -192,21 +192,21 @@ def _held(supports: Iterable[BeamSupport | FrameSupport]) -> Iterable[Freedom]:
 
 
 Direction = Literal["x", "y", "z", "rx", "ry", "rz"]
-UncertainVector = Annotated[list[Uncertain], Field(min_length=3, max_length=3)]
+_UncertainVector = Annotated[list[Uncertain], Field(min_length=3, max_length=3)]
 
 
 class SpaceMemberModel(Section):
     """A straight member of a frame in three dimensions between two nodes."""
 
-    nodes: list[NodeNumber] = Field(min_length=2, max_length=2)
+    nodes: list[_NodeNumber] = Field(min_length=2, max_length=2)
     EA: UncertainPositive
     EIy: UncertainPositive
     EIz: UncertainPositive
     GJ: UncertainPositive
     rhoA: UncertainNotNegative
     rhoJ: UncertainNotNegative | None = None
-    orientation: UncertainVector | None = None
-    offsets: Annotated[list[UncertainVector], Field(min_length=2, max_length=2)] | None = None
+    orientation: _UncertainVector | None = None
+    offsets: Annotated[list[_UncertainVector], Field(min_length=2, max_length=2)] | None = None
     releases: Annotated[list[list[Direction]], Field(min_length=2, max_length=2)] | None = None
     elements: int = Field(default=1, ge=1, le=MAX_ELEMENTS, strict=True)
 
@@ -214,17 +214,17 @@ class SpaceMemberModel(Section):
 class SpaceSupport(Section):
     """Support of a node of a frame in three dimensions."""
 
-    node: NodeNumber
+    node: _NodeNumber
     fix: list[Direction] = Field(min_length=1)
 
 
 class RigidMassModel(Section):
     """A rigid body at a node."""
 
-    node: NodeNumber
+    node: _NodeNumber
     m: UncertainNotNegative | None = None
     J: Annotated[list[UncertainNotNegative], Field(min_length=3, max_length=3)] | None = None
-    offset: UncertainVector | None = None
+    offset: _UncertainVector | None = None
 
     @model_validator(mode="after")
     def _has_something(self) -> Self:
@@ -242,7 +242,7 @@ class SpaceSpring(_Spring):
 class SpaceFrameModel(Section):
     """A frame in three dimensions: nodes by their coordinates, members between them."""
 
-    nodes: list[UncertainVector] = Field(min_length=2, max_length=MAX_ELEMENTS)
+    nodes: list[_UncertainVector] = Field(min_length=2, max_length=MAX_ELEMENTS)
     members: list[SpaceMemberModel] = Field(min_length=1, max_length=MAX_ELEMENTS)
     supports: list[SpaceSupport] = []
     masses: list[RigidMassModel] = []
@@ -394,10 +394,10 @@ Parts = Annotated[
     BeforeValidator(_parts, json_schema_input_type=FileModel | str | list[FileModel | str]),
     FILE,
 ]
-StateSpaceFile = Annotated[
+_StateSpaceFile = Annotated[
     StateSpaceModel, BeforeValidator(path_alone, json_schema_input_type=StateSpaceModel | str), FILE
 ]
-DampingMatrix = Annotated[
+_DampingMatrix = Annotated[
     Annotated[Parts, Tag("file")] | Annotated[DampingModel, Tag("law")], Discriminator(_file_or_law)
 ]
 
@@ -407,11 +407,11 @@ class MatricesModel(Section):
 
     mass: Parts | None = None
     stiffness: Parts | None = None
-    damping: DampingMatrix | None = None
+    damping: _DampingMatrix | None = None
     labels: list[DofLabel] | FilePath | None = None
     nodes: FilePath | None = None
     model: FilePath | None = None
-    state_space: StateSpaceFile | None = None
+    state_space: _StateSpaceFile | None = None
 
     @model_validator(mode="after")
     def _one_origin(self) -> Self:

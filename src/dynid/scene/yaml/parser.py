@@ -18,9 +18,9 @@ from dynid.errors import Fault
 
 Place = tuple[int, int]
 
-MAX_DIGITS = 400
-CORE = "tag:yaml.org,2002:"
-UNSTORABLE = re.compile("[\0\ud800-\udfff]")
+_MAX_DIGITS = 400
+_CORE = "tag:yaml.org,2002:"
+_UNSTORABLE = re.compile("[\0\ud800-\udfff]")
 
 _NULL = frozenset({"", "~", "null", "Null", "NULL"})
 _BOOL = {word: word.lower() == "true" for word in ("true", "True", "TRUE", "false", "False", "FALSE")}
@@ -60,9 +60,9 @@ def resolve_plain(text: str) -> str | int | float | bool | None:
         return _BOOL[text]
     if _INT.match(text):
         # The length is checked before the conversion, whose cost grows with its square.
-        number = int(text, {"0o": 8, "0x": 16}.get(text[:2], 10)) if len(text) <= 2 * MAX_DIGITS else None
-        if number is None or abs(number) >= 10**MAX_DIGITS:
-            raise ValueError(f"{shorten(text)} has more than {MAX_DIGITS} digits")
+        number = int(text, {"0o": 8, "0x": 16}.get(text[:2], 10)) if len(text) <= 2 * _MAX_DIGITS else None
+        if number is None or abs(number) >= 10**_MAX_DIGITS:
+            raise ValueError(f"{shorten(text)} has more than {_MAX_DIGITS} digits")
         return number
     if _FLOAT.match(text):
         value = float(text)
@@ -80,12 +80,9 @@ def shorten(text: str) -> str:
 
 
 def _resolve_tagged(text: str, tag: str) -> Any:
-    """Return the value of a scalar with a core tag (`!!int`, `!!float`, `!!bool`, `!!null`).
-
-    Raises `ValueError` when the tag is another, or the text is not of that type.
-    """
+    """Return the value of a scalar with a core tag (`!!int`, …); raises `ValueError` for others."""
     value = resolve_plain(text)
-    kind = tag.removeprefix(CORE)
+    kind = tag.removeprefix(_CORE)
     if kind == "float" and type(value) is int:
         return resolve_plain(f"{value}.0")
     expected = {"int": int, "float": float, "bool": bool, "null": type(None)}.get(kind)
@@ -97,8 +94,7 @@ def _resolve_tagged(text: str, tag: str) -> Any:
 
 
 def _tag_message(tag: str) -> str:
-    """Return the message that a tag is not allowed."""
-    shown = tag.replace(CORE, "!!")
+    shown = tag.replace(_CORE, "!!")
     return f"the tag {shorten(shown)} is not allowed; a scene is plain texts, numbers, lists and mappings"
 
 
@@ -131,7 +127,7 @@ def _in_plain_words(error: yaml.YAMLError, text: str, file: str) -> Fault:
 
 MAX_CHARACTERS = 8 * 2**20
 MAX_DEPTH = 64
-MAX_NODES = 1_000_000
+_MAX_NODES = 1_000_000
 MAX_FAULTS = 100
 
 Key = str | int
@@ -267,17 +263,17 @@ class _TreeBuilder:
 
     def _count(self, nodes: int, position: Place) -> None:
         self._nodes += nodes
-        if self._nodes > MAX_NODES:
-            self._stop(position, f"more than {MAX_NODES:,} values, aliases counted; put large data in files")
+        if self._nodes > _MAX_NODES:
+            self._stop(position, f"more than {_MAX_NODES:,} values, aliases counted; put large data in files")
 
     def _scalar(self, event: yaml.ScalarEvent, position: Place) -> Any:
         text, tag = event.value, event.tag
-        if UNSTORABLE.search(text):
+        if _UNSTORABLE.search(text):
             self._fault(position, "a text cannot hold the character NUL or half of a surrogate pair")
         try:
             if tag is None:
                 return resolve_plain(text) if event.implicit[0] else text
-            if tag in ("!", f"{CORE}str"):
+            if tag in ("!", f"{_CORE}str"):
                 return text
             return _resolve_tagged(text, tag)
         except ValueError as error:
@@ -303,7 +299,7 @@ class _TreeBuilder:
         sequence = isinstance(event, yaml.SequenceStartEvent)
         if len(self._stack) >= MAX_DEPTH:
             self._stop(position, f"nested more than {MAX_DEPTH} deep")
-        if event.tag not in (None, "!", f"{CORE}{'seq' if sequence else 'map'}"):
+        if event.tag not in (None, "!", f"{_CORE}{'seq' if sequence else 'map'}"):
             self._fault(position, _tag_message(event.tag))
         parent = self._stack[-1] if self._stack else None
         as_key = parent is not None and parent.awaits_key()

@@ -224,7 +224,6 @@ def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Positions], 
 
 
 def _names(dotted: str, origin: str) -> list[str]:
-    """Return the names in a dotted path."""
     names = dotted.split(".")
     if len(names) > _MAX_NAMES:
         message = f"the path has {len(names)} names; a scene is at most {MAX_DEPTH} deep"
@@ -233,7 +232,6 @@ def _names(dotted: str, origin: str) -> list[str]:
 
 
 def _height(value: Any) -> int:
-    """Return how deep data are nested."""
     if not isinstance(value, dict | list):
         return 0
     return 1 + max(map(_height, value.values() if isinstance(value, dict) else value), default=0)

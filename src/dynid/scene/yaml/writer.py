@@ -149,7 +149,6 @@ def _with_one_note_a_line(text: str, edits: Mapping[Path, _Edit]) -> list[_Edit]
 
 
 def _joined(notes: Mapping[str, str]) -> str:
-    """Return notes by name as one."""
     if len(notes) == 1:
         return next(iter(notes.values()))
     parts = {name: re.match(r"([^;,]*)(?:[;,] )?(.*)", note, re.DOTALL) for name, note in notes.items()}
