@@ -230,16 +230,12 @@ class _Flattening:
         else:
             unshared = set()
         scopes = {0: shared}
-        for number, changed_names in {0: shared.keys() - unshared, **changed}.items():
-            scopes[number] = scope = shared | {
-                name: f"{flat}.{number}.{name}" for name in changed_names if number
-            }
-            for name in (name for name in usual if name in changed_names):
+        for number, changes in {0: shared.keys() - unshared, **changed}.items():
+            scopes[number] = scope = shared | {name: f"{flat}.{number}.{name}" for name in changes if number}
+            for name in (name for name in usual if name in changes):
                 if name in copies.get(number, {}):
-                    value_path, around = (
-                        (*path, "copies", written_key(node["copies"], str(number)), name),
-                        names,
-                    )
+                    key = written_key(node["copies"], str(number))
+                    value_path, around = (*path, "copies", key, name), names
                 elif name in node:
                     value_path, around = (*path, name), names
                 else:
@@ -334,9 +330,7 @@ def _inner(node: Mapping[Any, Any], names: Mapping[str, str], prefix: str, nodes
         law = node["law"]
         for key in law if isinstance(law, dict) else ():
             variable = law_variable(str(node.get("type")), str(key))
-            inside = _Scope(
-                {name: flat_name for name, flat_name in names.items() if name != variable}, prefix, nodes
-            )
+            inside = _Scope({name: flat for name, flat in names.items() if name != variable}, prefix, nodes)
             law = {**law, key: _scoped(law[key], inside)}
         flat["law"] = law
     return flat

@@ -228,9 +228,7 @@ def designed_scene_text(result: Result, file: str = "") -> str:
     Comments give the starts. Expectations of the design are left out. Order and comments stay where values
     stand in one line each. `file` is its name, for messages. Raises `UsageError` if it has no scene.
     """
-    names, values, starts = (
-        result[f"{_DESIGN}/{array}"].data.tolist() for array in ("name", "value", "start")
-    )
+    names, values, starts = (result[f"{_DESIGN}/{key}"].data.tolist() for key in ("name", "value", "start"))
     source = _scene_of(result, file, names)
     text = source.text
     changes: dict[Path, Any] = {}
@@ -239,11 +237,7 @@ def designed_scene_text(result: Result, file: str = "") -> str:
         path = _place_of_unknown(source.data, name)
         changes[path], notes[path] = value, f"designed, from {start:.6g}"
     expectations = source.data.get("expect") or []
-    expected = [
-        expectation
-        for expectation in expectations
-        if not str(expectation.get("path", "")).startswith(f"{_DESIGN}/")
-    ]
+    expected = [item for item in expectations if not str(item.get("path", "")).startswith(f"{_DESIGN}/")]
     dropped = {"design"} | ({"expect"} if expectations and not expected else set())
     data = {key: value for key, value in source.data.items() if key not in dropped}
     if expected and expected != expectations:

@@ -115,9 +115,8 @@ class _Checks:
             problem = f"'{name}' is a key of nodes; use another name" if name in _RESERVED else ""
             if problem := problem or name_problem(str(name)):
                 self._note((*model.path, "parameters", name), problem)
-        ends = Counter(
-            end for text in listing(model.data, "bonds") if isinstance(text, str) for end in chain_ends(text)
-        )
+        texts = (text for text in listing(model.data, "bonds") if isinstance(text, str))
+        ends = Counter(end for text in texts for end in chain_ends(text))
         nodes = model.nodes
         for index, port in enumerate(model.ports):
             path = (*model.path, "ports", index)
@@ -126,9 +125,8 @@ class _Checks:
                     self._note(path, f"the port '{port}' is an instance; name a port of another name")
             elif ends[port] != 1:
                 count = "none" if not ends[port] else str(ends[port])
-                self._note(
-                    path, f"the port '{port}' is no node, so one bond of the model ends there, not {count}"
-                )
+                said = f"the port '{port}' is no node, so one bond of the model ends there, not {count}"
+                self._note(path, said)
         self.check_nodes(mapping(model.data, "nodes"), model.path)
 
     def check_nodes(self, nodes: Mapping[Any, Any], path: KeyPath) -> None:
@@ -203,9 +201,8 @@ class _Checks:
         flows = [model.outflow(port) for port in chain if port in model.ports]
         if flows in ([1, 1], [-1, -1]):
             way = "out of" if flows[0] > 0 else "into"
-            message = (
-                f"power is positive {way} the model '{model.name}' at both '{chain[0]}' and '{chain[1]}'"
-            )
+            both = f"both '{chain[0]}' and '{chain[1]}'"
+            message = f"power is positive {way} the model '{model.name}' at {both}"
             self._note(path, f"{message}; turn the bond of the model at one of them")
 
     def size_of(self, graph: Mapping[Any, Any], path: KeyPath, above: tuple[str, ...]) -> _Size:

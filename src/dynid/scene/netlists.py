@@ -181,9 +181,8 @@ class _Expansion:
         for k, text in enumerate(self._texts(written, "netlist", key_path)):
             ends = text.split()
             if len(ends) != 2:
-                raise self._refusal(
-                    (*key_path, "netlist", k), f"'{text}' is no wire; write 'a b', or 'a.port b'"
-                )
+                message = f"'{text}' is no wire; write 'a b', or 'a.port b'"
+                raise self._refusal((*key_path, "netlist", k), message)
             first, second = (self._end(end, (*key_path, "netlist", k), netlist, inner, path) for end in ends)
             netlist.wires.append((first, second))
         for k, text in enumerate(self._texts(written, "ports", key_path)):
@@ -224,9 +223,8 @@ class _Expansion:
         library, _, kind = template.rpartition("/")
         if library != "base" or kind not in (*_TYPES, "SS"):
             types = [*(f"base/{name}" for name in _TYPES), *self._models]
-            message = (
-                f"no component '{template}'{did_you_mean(template, types)}; linear ones of 'base' are read"
-            )
+            close = did_you_mean(template, types)
+            message = f"no component '{template}'{close}; linear ones of 'base' are read"
             raise self._refusal(path, message)
         if len(values) > 1:
             raise self._refusal(path, f"a component of type {kind} takes one value, not {len(values)}")
@@ -263,9 +261,8 @@ class _Expansion:
             if not port and len(ports) == 1:
                 (port,) = ports
             if port not in ports:
-                raise self._refusal(
-                    key_path, f"model '{label}' has no port '{port}'{did_you_mean(port, list(ports))}"
-                )
+                close = did_you_mean(port, list(ports))
+                raise self._refusal(key_path, f"model '{label}' has no port '{port}'{close}")
             return _WireEnd(ports[port])
         if full not in netlist.components:
             raise self._refusal(key_path, f"no component '{label}'")

@@ -115,9 +115,8 @@ class SampleOutcomes(Sequence[SampleOutcome]):
                 for path, variable in () if outcome.error else outcome.values.items():
                     # true, 1 and 1.0 are equal, and not the same.
                     attrs = tuple((name, type(value), value) for name, value in variable.attrs.items())
-                    form.append(
-                        (path, variable.dims, variable.data.dtype, variable.data.shape, variable.units, attrs)
-                    )
+                    data = variable.data
+                    form.append((path, variable.dims, data.dtype, data.shape, variable.units, attrs))
                 groups.setdefault(tuple(form), []).append((count, outcome))
             count += 1
         return cls([_block(group) for group in groups.values()], count)
@@ -175,9 +174,8 @@ class SampleOutcomes(Sequence[SampleOutcome]):
 
     def mapped(self, change: Callable[[SampleBlock], SampleBlock]) -> SampleOutcomes:
         """Return the same with changed blocks of samples that did not fail."""
-        return SampleOutcomes(
-            [block if block.errors else change(block) for block in self.blocks], self._count
-        )
+        blocks = [block if block.errors else change(block) for block in self.blocks]
+        return SampleOutcomes(blocks, self._count)
 
     @cached_property
     def _index(self) -> tuple[Indices, Indices]:
@@ -262,9 +260,7 @@ def _selected_paths(result: Mapping[str, Variable], collect: tuple[str, ...]) ->
                 if (path.startswith(f"{path_or_pattern}/") or fnmatchcase(path, path_or_pattern))
                 and not variable.data.dtype.names
             ]
-        statuses = {
-            path for path_or_group in (path_or_pattern, *paths) if (path := _status_of(path_or_group))
-        }
+        statuses = {status for path in (path_or_pattern, *paths) if (status := _status_of(path))}
         paths += [path for path in result if any(fnmatchcase(path, status) for status in statuses)]
         if not paths and path_or_pattern != NUMBERS:
             raise UsageError(

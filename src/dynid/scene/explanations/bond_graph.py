@@ -54,9 +54,7 @@ def explain(scene: Scene) -> Explanation:
     order = f"{counted(causality.order, 'state')}, {counted(storages, 'storage element')}"
     facts.append(Fact("order", order))
     facts += [Fact("warning", sentence) for sentence in (*field_warnings(graph), *reduced.undetermined)]
-    outputs, inputs = (
-        join_nodes([str(name) for name in names]) for names in (reduced.outputs, reduced.inputs)
-    )
+    outputs, inputs = (join_nodes([*map(str, names)]) for names in (reduced.outputs, reduced.inputs))
     facts.append(Fact("channels", f"{outputs} from {inputs or 'no input'}"))
     if analysis.results & {"transfer_function", *NUMERIC}:
         choice = choose_engine(reduced, analysis)
@@ -65,9 +63,8 @@ def explain(scene: Scene) -> Explanation:
             facts.append(Fact("", choice.limits))
     facts += _results(scene, analysis)
     if analysis.port is not None:
-        facts.append(
-            Fact("port", f"cut at {analysis.port}: equivalents of both sides, prototype, performance")
-        )
+        text = f"cut at {analysis.port}: equivalents of both sides, prototype, performance"
+        facts.append(Fact("port", text))
     return Explanation(result, facts)
 
 

@@ -148,9 +148,8 @@ def forecast(reports: Sequence[Report]) -> float:
     """
     spent = reports[-1].at
     durations = [after.at - before.at for before, after in pairwise(reports)]
-    steps = [
-        duration for report, duration in zip(reports, durations, strict=False) if _STEP.match(report.what)
-    ]
+    pairs = zip(reports, durations, strict=False)
+    steps = [duration for report, duration in pairs if _STEP.match(report.what)]
     step = sum(steps) / len(steps) if steps else spent / max(1, len(durations))
     places = [index for index, report in enumerate(reports[:-1]) if _START.fullmatch(report.what)]
     if not places:
@@ -158,8 +157,7 @@ def forecast(reports: Sequence[Report]) -> float:
     begun = [index for index in places if _STEP.match(reports[index + 1].what)]
     if not begun:
         number, count = map(int, _START.findall(reports[places[-1]].what)[0])
-        return (
-            spent + (count - number) * min(durations[index] for index in places) + _ATTEMPTS * _STEPS * step
-        )
+        fastest = min(durations[index] for index in places)
+        return spent + (count - number) * fastest + _ATTEMPTS * _STEPS * step
     attempt = (spent - reports[begun[0]].at) / len(begun)
     return spent + max(1, _ATTEMPTS - len(begun)) * attempt

@@ -68,9 +68,8 @@ def _explain_graph(scene: Scene[IdentificationScene]) -> Explanation:
         valued = [node for node in nodes if node.value is not None]
         size = f"{counted(len(graph.graph.nodes), 'node')}, {counted(len(graph.graph.bonds), 'bond')}"
         free = sum(node.dependent is not None for node in valued)
-        dependence = (
-            f"{free} of {counted(len(valued), 'value')} depend on {counted(len(graph.unknowns), 'unknown')}"
-        )
+        unknowns = counted(len(graph.unknowns), "unknown")
+        dependence = f"{free} of {counted(len(valued), 'value')} depend on {unknowns}"
         facts.append(Fact("graph", f"{size}; {dependence}"))
         facts += [Fact("", approximation.why) for approximation in built.approximations]
         if model.measurement is not None:
@@ -115,9 +114,8 @@ def _add_record(
         numbers = "number" if redundancy == 1 else "numbers"
         said = f"{redundancy} {numbers} beyond the unknowns can contradict the model"
     facts.append(Fact("redundancy", said))
-    facts += _of_estimator(
-        model.estimator, frf=model.measurement.frf is not None or model.measurement.modes is not None
-    )
+    by_likelihood = model.measurement.frf is not None or model.measurement.modes is not None
+    facts += _of_estimator(model.estimator, frf=by_likelihood)
     identifiable_origin(likelihood)  # checked by a run before it begins
     return likelihood
 
@@ -138,9 +136,8 @@ def _of_model(
     yield Fact("model", f"{n:,} DOFs reduced by {method} to {r}: {2 * r} states; {parameters}")
     basis = [counted(len(reduction.masters), "master")] if reduction.masters else []
     if reduction.modes:
-        basis.append(
-            counted(len(reduction.modes), "mode") + (f" ({reduction.rule})" if reduction.rule else "")
-        )
+        rule = f" ({reduction.rule})" if reduction.rule else ""
+        basis.append(counted(len(reduction.modes), "mode") + rule)
     if reduction.condition is not None:
         basis.append(f"condition of {reduction.inverted} {reduction.condition:.2g}")
     yield Fact("basis", "; ".join(basis))

@@ -60,27 +60,19 @@ def explain(scene: Scene[ReductionScene]) -> Explanation:
     facts.append(Fact("modes", solved))
     if model.frequency is not None:
         lines = len(angular_frequencies(model.frequency))
-        facts.append(
-            Fact(
-                "responses", f"at {counted(lines, 'frequency')}, of the full structure and of each reduction"
-            )
-        )
+        grid = counted(lines, "frequency")
+        facts.append(Fact("responses", f"at {grid}, of the full structure and of each reduction"))
     return Explanation(result, facts)
 
 
 def _masters_and_modes(reduction: Section) -> list[str]:
-    choices = {
-        key: getattr(reduction, key)
-        for key in ("masters", "modes")
-        if getattr(reduction, key, None) is not None
-    }
     said = []
-    for key, value in choices.items():
-        parts = (
-            value.model_dump(exclude_none=True, exclude_unset=True) if isinstance(value, Section) else None
-        )
-        asked = ", ".join(f"{name} {entry}" for name, entry in parts.items()) if parts else _listed(value)
-        said.append(f"{key} {asked}")
+    for key, value in ((key, getattr(reduction, key, None)) for key in ("masters", "modes")):
+        if isinstance(value, Section):
+            parts = value.model_dump(exclude_none=True, exclude_unset=True)
+            said.append(f"{key} {', '.join(f'{name} {entry}' for name, entry in parts.items())}")
+        elif value is not None:
+            said.append(f"{key} {_listed(value)}")
     return said or ["chosen from joints and responses"]
 
 

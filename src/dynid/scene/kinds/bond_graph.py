@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 from dynid.arithmetic.dependent import Dual
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.analysis_request import Analysis, FormulaRequest, SensitivityParameter
-from dynid.bondgraph.graph import FIELDS, BondGraph, GraphUnits
+from dynid.bondgraph.graph import FIELDS, SOURCES, BondGraph, GraphUnits
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import Fault, NumericalError, Singular, UsageError
 from dynid.model_scope import wants_scope
@@ -222,9 +222,8 @@ def question(scene: Scene[BondGraphScene]) -> tuple[BondGraph, Analysis]:
     values = {name: dual.value for name, dual in duals.items()}
     built = built_graph(scene, with_gains(model.control, values) if model.control else None)
     variables = _parameters(model, built.graph, duals)
-    graph = BondGraph(
-        [replace(node, dependent=None) for node in built.graph.nodes.values()], built.graph.bonds
-    )
+    nodes = [replace(node, dependent=None) for node in built.graph.nodes.values()]
+    graph = BondGraph(nodes, built.graph.bonds)
     return graph, graph_analysis(scene, model.analysis, built._replace(graph=graph), variables)
 
 
@@ -247,9 +246,8 @@ def graph_analysis(
                 remedy="Leave its stored energy out, or choose another operating point.",
                 names=(f"initial.{name}", name),
             )
-    inputs = tuple(
-        requested.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf"))
-    )
+    graph_sources = (name for name, node in graph.nodes.items() if node.type in SOURCES)
+    inputs = tuple(requested.inputs or graph_sources)
     asked, parts_count = requested.asked(), sum(bool(node.part) for node in graph.nodes.values())
     if requested.results is None and parts_count > TRACED_PARTS.value:
         asked -= {"reduction"}  # formulas of that many nodes are long, and nobody reads them
@@ -312,9 +310,8 @@ def built_graph(scene: Scene[BondGraphScene], control: ControlModel | None = Non
     model, analysis = scene.model, scene.model.analysis
     band = float(angular_frequencies(analysis.frequency)[-1]) if analysis.frequency else None
     feedback = control or model.control
-    return build_graph(
-        scene, model.graph, analysis.outputs, analysis.reading, band, feedback, model.operating_point
-    )
+    point = model.operating_point
+    return build_graph(scene, model.graph, analysis.outputs, analysis.reading, band, feedback, point)
 
 
 def _parameters(
@@ -355,9 +352,7 @@ def _parameters(
                 own = rates[independent]
                 own[name] = own.get(name, Fraction(0)) + to_fraction(slope) * to_fraction(rate)
     numbers += [SensitivityParameter(name, values[name], found) for name, found in written.items()]
-    named = [
-        SensitivityParameter(name, to_fraction(known[name].value), found) for name, found in rates.items()
-    ]
+    named = [SensitivityParameter(name, to_fraction(known[name].value), by) for name, by in rates.items()]
     return (*named, *numbers)
 
 

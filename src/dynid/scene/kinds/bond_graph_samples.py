@@ -80,9 +80,8 @@ class GraphSamples:
         self._origins |= {place: path for path, place in varied.items() if place[0] != "parameter"}
         self._initial = dict(analysis.initial)
         varying = dict.fromkeys(name for kind, name in self._origins if kind == "value")
-        self._analysis = SampledAnalysis(
-            graph.rounded() if self._binary else graph, analysis, varying, self._paths
-        )
+        graph = graph.rounded() if self._binary else graph
+        self._analysis = SampledAnalysis(graph, analysis, varying, self._paths)
 
     def run(self, overrides: Overrides) -> SampleOutcomes:
         """Return the outcomes of samples; those that differ in more than numbers are pending."""
@@ -103,9 +102,7 @@ class GraphSamples:
             {name: [column[k] for k in sound] for (kind, name), column in columns.items() if kind == place}
             for place in ("value", "stored")
         )
-        initial = [
-            self._initial | {name: column[k] for name, column in stored.items()} for k in range(len(sound))
-        ]
+        initial = [self._initial | {name: stored[name][k] for name in stored} for k in range(len(sound))]
         outcomes: list[SampleOutcome | None] = [None] * len(overrides)
         for k, result in zip(sound, self._analysis.run(exact, len(sound), initial), strict=True):
             if result is not None and len(result) == len(self._paths):

@@ -43,11 +43,8 @@ def design_of(scene: Scene[BondGraphScene]) -> Design:
     model = scene.model
     design_model = cast("DesignModel", model.design)
     parts = _dependent_parts(scene)
-    asked = list(
-        dict.fromkeys(
-            [*model.analysis.outputs, *(item.output for item in design_model.targets if item.output)]
-        )
-    )
+    targeted = (item.output for item in design_model.targets if item.output)
+    asked = list(dict.fromkeys([*model.analysis.outputs, *targeted]))
     built = build_graph(scene, parts.graph, asked, model.analysis.reading, control=parts.control)
     variables = dict(zip(asked, built.outputs, strict=True))
     sources = (name for name, node in built.graph.nodes.items() if node.type in ("Se", "Sf"))

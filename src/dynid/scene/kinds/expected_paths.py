@@ -244,9 +244,8 @@ def _has(model: Any, key: str) -> bool:
         case "noise":
             return any(isinstance(record.noise, NoiseModel) for record in model.measurement.each)
         case "reduction":
-            simulated = [
-                record.frf.simulate if record.frf else record.simulate for record in model.measurement.each
-            ]
+            records = model.measurement.each
+            simulated = [record.frf.simulate if record.frf else record.simulate for record in records]
             full = not any(simulate is not None and simulate.model == "reduced" for simulate in simulated)
             return model.is_reduced and model.measurement.modes is None and full
     section = model

@@ -93,13 +93,11 @@ def _with_channels(
         driven = {"excitation": forces} if forces and "excitation" not in data else {}
         return {"measurement": listed, **driven}
     records = []
-    for number, (record, written_record) in enumerate(
-        zip(measurement.each, measured["records"], strict=True)
-    ):
+    pairs = zip(measurement.each, measured["records"], strict=True)
+    for number, (record, written_record) in enumerate(pairs):
         if isinstance(record.channels, AllOfFile):
-            listed, forces = _written_out(
-                scene, record, written_record, f"measurement.records.{number}", model
-            )
+            path = f"measurement.records.{number}"
+            listed, forces = _written_out(scene, record, written_record, path, model)
             stated = any("excitation" in holder for holder in (data, measured, written_record))
             records.append(listed if stated else {**listed, "excitation": forces})
         else:
@@ -152,10 +150,8 @@ def _written_out(
     file = DataFile(scene.folder / file_model.path, where)
     if not is_universal(file.path):
         file.check()
-        file.refuse(
-            "names no nodes and directions",
-            "List the channels; 'all' are those of a Universal File (.uff, .unv).",
-        )
+        remedy = "List the channels; 'all' are those of a Universal File (.uff, .unv)."
+        file.refuse("names no nodes and directions", remedy)
     test = _Test(scene, record.match or MatchModel(), record_path, UniversalFile(file), model)
     kept = {key: value for key, value in written.items() if key != "match"}
     if record.frf is None:
@@ -376,12 +372,8 @@ def _responses(record: RecordModel, test: _Test) -> tuple[list[dict[str, Any]], 
     channels = []
     for (_, function), response, reference in zip(functions, responses, references, strict=True):
         gain = response.pop("gain", 1) * reference.pop("gain", 1)
-        channel = {
-            **response,
-            "quantity": test.quantity(function),
-            "reference": reference,
-            **test.unit(function),
-        }
+        quantity = test.quantity(function)
+        channel = {**response, "quantity": quantity, "reference": reference, **test.unit(function)}
         channels.append(channel if gain > 0 else {**channel, "gain": -1})
     _check_different(test, functions, channels)
     file = {"columns": [number for number, _ in functions]}

@@ -107,9 +107,8 @@ def build_graph(
     for name, node in graph.nodes.items():
         if node.type == STRUCTURE:
             expansion = Expansion(name, names)
-            left_out = _expand_structure(
-                scene, expansion, node, requested[name], reading, outward[name], band
-            )
+            at_ports, leaving = requested[name], outward[name]
+            left_out = _expand_structure(scene, expansion, node, at_ports, reading, leaving, band)
             approximations += [left_out] if left_out is not None else []
         elif node.matrix is not None:
             expansion = _expand_field(name, node, names, requested[name], reading, outward[name])
@@ -131,16 +130,15 @@ def build_graph(
         linear = _linear_graph(built.graph, laws, point, variables)
         asked = tuple(linear.variables.get(output, output) for output in asked)
         variables |= {str(port): variable for port, variable in linear.variables.items()}
-        built = built._replace(
-            graph=linear.graph, outputs=asked, linearisation=linear, law_outputs=built.outputs
-        )
+        flat = built.outputs
+        built = built._replace(graph=linear.graph, outputs=asked, linearisation=linear, law_outputs=flat)
     if control is None:
         return built
     from dynid.bondgraph.controller_circuits import close_loops
 
+    measured_ports = (variables.get(str(loop.measured), loop.measured) for loop in control.loops)
     loops = [
-        _loop(loop, variables.get(str(loop.measured), loop.measured), index)
-        for index, loop in enumerate(control.loops)
+        _loop(*pair, index) for index, pair in enumerate(zip(control.loops, measured_ports, strict=True))
     ]
     closed = close_loops(built.graph, loops)
     asked = tuple(closed.variables.get(output, output) for output in asked)
@@ -290,12 +288,10 @@ def _laws_of(scene: Scene, graph: GraphModel) -> dict[str, Law]:
             expression = parse(text)
             variable = law_variable(node.type, gives)
             variables = {variable: Port(name, variable)} if variable in expression.names else {}  # type: ignore[arg-type]
-            variables |= {
-                key: port for key, port in variables_of(expression, names.nodes).items() if key != variable
-            }
-            constants = {
-                key: names.parameters[key] for key in expression.names - variables.keys() if key != "pi"
-            }
+            others = variables_of(expression, names.nodes)
+            variables |= {key: port for key, port in others.items() if key != variable}
+            fixed = expression.names - variables.keys() - {"pi"}
+            constants = {key: names.parameters[key] for key in fixed}
             laws[name] = Law(gives, expression, constants, variables)
     return laws
 

@@ -132,9 +132,8 @@ def _changed(model: IdentificationScene, varied: _VariedValue, raw: Any) -> Iden
         low, high = (None if bound is None else float(bound) for bound in (parameter.min, parameter.max))
         if value is None or not (low or 0.0) < float(value) <= (high or math.inf):
             return None
-        changed_joint = joint.model_copy(
-            update={varied.letter: parameter.model_copy(update={varied.name: value})}
-        )
+        changed_parameter = parameter.model_copy(update={varied.name: value})
+        changed_joint = joint.model_copy(update={varied.letter: changed_parameter})
         return model.model_copy(update={"joints": {**model.joints, varied.joint: changed_joint}})
     if type(value) is not (int if varied.name == "seed" else Quantity) or float(value) < 0:
         return None

@@ -36,12 +36,8 @@ def identified_graph(scene: Scene[IdentificationScene]) -> tuple[IdentifiedGraph
     assert model.graph is not None
     analysis = model.graph_analysis
     records = model.measurement.each if model.measurement else []
-    measured = [
-        channel.output
-        for record in records
-        for channel in record.channels or ()
-        if channel.output is not None
-    ]
+    channels = [channel for record in records for channel in record.channels or ()]
+    measured = [channel.output for channel in channels if channel.output is not None]
     asked = list(dict.fromkeys([*measured, *(analysis.outputs if analysis else ())]))
     reading = analysis.reading if analysis else "decimal"
     built = build_graph(scene, model.graph, asked, reading, control=model.control)

@@ -117,10 +117,7 @@ def _measurement(
         headings = list(table.headings)
     channels = tuple(map(of_stated_kind, channels, channel_models, headings))
     columns = zip(channel_models, headings, channels, strict=True)
-    factors = [
-        recorded_factor(channel, heading, ideal, f"{at}.{k}")
-        for k, (channel, heading, ideal) in enumerate(columns)
-    ]
+    factors = [recorded_factor(*column, f"{at}.{k}") for k, column in enumerate(columns)]
     channels = tuple(
         channel._replace(offset=factor * channel.offset) if factor != 1 else channel
         for channel, factor in zip(channels, factors, strict=True)
@@ -180,9 +177,8 @@ def initial_motion(model: IdentificationScene, structure: Tested = None) -> dict
     """Return the displacements and velocities at t = 0, by DOF."""
     motions = [(result_name(structure, dof), motion) for dof, motion in model.initial.items()]
     if len({_signed_label(structure, dof)[1] for dof, _ in motions}) < len(motions):
-        raise UsageError(
-            "the initial motion of a DOF is given twice, by two of its names", names=("initial",)
-        )
+        said = "the initial motion of a DOF is given twice, by two of its names"
+        raise UsageError(said, names=("initial",))
     return {
         "displacement": {dof: number(motion.x) for dof, motion in motions},
         "velocity": {dof: number(motion.v) for dof, motion in motions},
@@ -198,9 +194,8 @@ def channel_of(channel_model: ChannelModel, model: Tested = None) -> Any:
     reference = others[0] if others else None
     if reference is not None and _signed_label(model, reference) == _signed_label(model, dof):
         ends = " and ".join(map(str, channel_model.ends))
-        raise UsageError(
-            f"a sensor between {ends} measures nothing: they are one DOF", names=("measurement.channels",)
-        )
+        said = f"a sensor between {ends} measures nothing: they are one DOF"
+        raise UsageError(said, names=("measurement.channels",))
     absolute, kind = channel_model.frame == "absolute", kind_of(model, dof)
     return Channel(dof, channel_model.quantity, reference, absolute, *_instrument_of(channel_model), kind)
 

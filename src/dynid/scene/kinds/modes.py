@@ -145,9 +145,6 @@ def _measured(modes: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *res
 
 
 def _scatter(scatter: ScatterModel, usual: Scatter) -> Scatter:
-    stated = {
-        key: float(getattr(scatter, key))
-        for key in scatter.model_fields_set
-        if getattr(scatter, key) is not None
-    }
+    values = {key: getattr(scatter, key) for key in scatter.model_fields_set}
+    stated = {key: float(value) for key, value in values.items() if value is not None}
     return usual._replace(**stated)

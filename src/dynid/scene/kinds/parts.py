@@ -121,9 +121,8 @@ def _point(name: str, point: PointModel, model: IdentificationScene, nodes: Node
             hint = did_you_mean(point.part, model.structures)
             said = f"is of a part '{point.part}' that does not exist{hint}"
         listed = ", ".join(model.structures)
-        raise UsageError(
-            f"the point '{name}' {said}", remedy=f"Parts: {listed}.", names=(f"{path}.part", path)
-        )
+        names = (f"{path}.part", path)
+        raise UsageError(f"the point '{name}' {said}", remedy=f"Parts: {listed}.", names=names)
 
     def named(node: Any) -> Any:
         return node if point.part is None else part_name(point.part, node)
@@ -131,11 +130,7 @@ def _point(name: str, point: PointModel, model: IdentificationScene, nodes: Node
     if point.set is not None:
         sets = {} if nodes is None else nodes.sets
         if named(point.set) not in sets:
-            set_names = [
-                name_of_set.removeprefix(named(""))
-                for name_of_set in sets
-                if name_of_set.startswith(named(""))
-            ]
+            set_names = [key.removeprefix(named("")) for key in sets if key.startswith(named(""))]
             raise UsageError(
                 f"the point '{name}' names a set '{point.set}' that does not exist"
                 f"{did_you_mean(point.set, set_names)}",

@@ -98,9 +98,8 @@ def build_reductor(
     `path` is its dotted path in the scene, `first` the reduction of the parts of an assembly before it.
     """
     with _placed(path):
-        return LocatedReductor(
-            METHODS[reduction.method](**_options(reduction), interest=interest), path, first
-        )
+        method = METHODS[reduction.method](**_options(reduction), interest=interest)
+        return LocatedReductor(method, path, first)
 
 
 def reductor_by_parts(parts: Mapping[str, ReductionModel | None], interest: Interest) -> LocatedReductor:

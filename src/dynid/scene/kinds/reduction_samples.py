@@ -90,9 +90,8 @@ class _VaryingMatrix(NamedTuple):
         for coefficient, pattern in self.terms:
             factor = np.broadcast_to(coefficient.fold(_leaf(values), _operated), (count,))
             total += factor[:, None, None] * pattern
-            exact &= np.isfinite(factor) & (
-                not self.weak or np.abs(factor) > _MIN_CONSTANT * abs(float(coefficient))
-            )
+            large = np.abs(factor) > _MIN_CONSTANT * abs(float(coefficient))
+            exact &= np.isfinite(factor) & (not self.weak or large)
         return total, exact
 
 
@@ -277,9 +276,8 @@ class ReductionSamples:
         collected: dict[str, Variable] = {}
         for path, variable in exemplar.items():
             data, key = variable.data, self._requested[path]
-            stack = (
-                np.broadcast_to(data, (len(samples), *data.shape)) if key is None else arrays[key][samples]
-            )
+            whole = np.broadcast_to(data, (len(samples), *data.shape))
+            stack = whole if key is None else arrays[key][samples]
             collected[path] = Variable(("sample", *variable.dims), stack, variable.units, variable.attrs)
         yield SampleBlock(rows[samples], collected, np.zeros((len(samples), 0), dtype=bool))
 
@@ -310,9 +308,8 @@ class ReductionSamples:
         sure = np.ones(len(bare.M), dtype=bool)
         arrays: dict[tuple[str, str], Array] = {}
         for name, reduction in reductions.items():
-            compared_arrays, usual = compared(
-                jointed, reduction, self._names[name], lambda: self._energies(bare, values)
-            )
+            names = self._names[name]
+            compared_arrays, usual = compared(jointed, reduction, names, lambda: self._energies(bare, values))
             sure &= usual
             for array, data in compared_arrays.items():
                 arrays[name, array] = data
@@ -323,9 +320,8 @@ class ReductionSamples:
 
     def _energies(self, bare: Stack, values: Mapping[str, Array]) -> StackedEnergies:
         structure, count = self._structure, len(bare.M)
-        parts = [
-            np.array([structure.index(dof) for dof in dofs]) for dofs in self._model.substructures.values()
-        ]
+        dofs_of_parts = self._model.substructures.values()
+        parts = [np.array([structure.index(dof) for dof in dofs]) for dofs in dofs_of_parts]
         rest = np.setdiff1d(np.arange(structure.size), np.concatenate([np.zeros(0, dtype=int), *parts]))
         parts += [rest] if len(rest) else []
         joints, _ = _stacked(self._joint_stiffness, values, count)
@@ -336,9 +332,8 @@ class ReductionSamples:
         matrices, structure = [], self._structure
         for joint in structure.joints:
             single = structure.joined([joint])
-            terms = [
-                (term.coefficient, as_array(term.matrix)) for term in single.joint_terms if term.letter == "K"
-            ]
+            stiffness = (term for term in single.joint_terms if term.letter == "K")
+            terms = [(term.coefficient, as_array(term.matrix)) for term in stiffness]
             matrices.append(_VaryingMatrix.of(as_array(single.with_joints()[2]) - as_array(single.K), terms))
         return matrices
 

@@ -49,9 +49,8 @@ def add_identification_scope(
     r = n if reduction is None else reduction.model.size
     parts: list[ScopePart] = []
     if reduction is not None:
-        parts += _of_reduction(
-            "", model.reduction_method, reduction.model.size, n, len(reduction.modes), reduction.rule
-        )
+        method, modes = model.reduction_method, len(reduction.modes)
+        parts += _of_reduction("", method, reduction.model.size, n, modes, reduction.rule)
     parts.append(ScopePart("states", 2 * r, 2 * (n - r), "the structure is reduced"))
     measured = model.measurement is not None
     unknown = [unknown_parameter.name for unknown_parameter in structure.unknowns]
@@ -153,12 +152,8 @@ def add_geometry(
         if model.measurement is not None:
             sensors += model.measurement.sensors
             records = model.measurement.each
-            loads += [
-                signal.dof
-                for record in records
-                for signal in record.excitation or ()
-                if signal.dof is not None
-            ]
+            driving = (signal for record in records for signal in record.excitation or ())
+            loads += [signal.dof for signal in driving if signal.dof is not None]
             loads += [record.reference.place for record in model.measurement.sensors if record.reference]
         if model.responses is not None:
             sensors += model.responses.outputs or ()

@@ -92,9 +92,8 @@ def build_signals(
         factor = 1.0
         if isinstance(signal_model, AmplitudePart) and signal_model.amplitude_unit is not None:
             impulse = isinstance(signal_model, ImpulseSignal)
-            factor = _amplitude_factor(
-                signal_model.amplitude_unit, load_of(signal_model), signal_path, impulse=impulse
-            )
+            unit, load = signal_model.amplitude_unit, load_of(signal_model)
+            factor = _amplitude_factor(unit, load, signal_path, impulse=impulse)
         try:
             parameters = signal_model.parameters()
             if factor != 1:
@@ -212,9 +211,8 @@ def recorded_factor(
     unit = sensor.unit or stated or (sensitivity.recorded if sensitivity else "")
     key = f"{path}.{'unit' if sensor.unit else 'sensitivity' if sensitivity else ''}".rstrip(".")
     try:
-        factor = si_factor(
-            unit, expected, over=sensitivity.unit if sensitivity else "", what=_named(measured)
-        )
+        over = sensitivity.unit if sensitivity else ""
+        factor = si_factor(unit, expected, over=over, what=_named(measured))
         if heading is not None and sensor.unit and stated and not _same(sensor.unit, stated):
             raise UsageError(
                 f"'unit' is {sensor.unit}, but the file has '{heading.name}' in {stated}",
@@ -248,13 +246,11 @@ def _amplitude_factor(unit: str, measured: Any, path: str, *, impulse: bool) -> 
 
     expected = [f"{as_factor(name)}.s" if impulse else name for name in _units_of(measured)]
     try:
-        return si_factor(
-            unit, expected, what=f"the area of {_named(measured)}" if impulse else _named(measured)
-        )
+        what = f"the area of {_named(measured)}" if impulse else _named(measured)
+        return si_factor(unit, expected, what=what)
     except UsageError as error:
-        raise UsageError(
-            error.problem, remedy=error.remedy, names=(f"{path}.amplitude_unit", path)
-        ) from error
+        names = (f"{path}.amplitude_unit", path)
+        raise UsageError(error.problem, remedy=error.remedy, names=names) from error
 
 
 def _same(first: str, second: str) -> bool:

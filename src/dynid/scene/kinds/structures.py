@@ -73,9 +73,8 @@ def dof_joint(name: str, joint: JointModel) -> Joint:
         said = f"joint {name} is between points, which a structure has in an identification only"
         raise UsageError(said, remedy="Name DOFs.", names=(f"joints.{name}",))
     try:
-        return Joint(
-            name, tuple(joint.dofs), *(joint_parameter(value) for value in (joint.k, joint.c, joint.m))
-        )
+        values = (joint_parameter(value) for value in (joint.k, joint.c, joint.m))
+        return Joint(name, tuple(joint.dofs), *values)
     except UsageError as error:
         raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
 
@@ -86,9 +85,8 @@ def idle_masses(scene: Scene) -> Iterator[Fault]:
     if structure is None or structure.lumped is None:
         return
     model = scene.model
-    named = {
-        str(occurrence.value) for to in (DOF, SIGNED_DOF) for occurrence in references(type(model), model, to)
-    }
+    occurrences = (item for to in (DOF, SIGNED_DOF) for item in references(type(model), model, to))
+    named = {str(occurrence.value) for occurrence in occurrences}
     idle = [number for number in structure.lumped.labels() if str(number) not in named]
     if idle and len(structure.lumped.masses) > 1:
         which = f"masses {shortened(list(map(str, idle)))}" if len(idle) > 1 else f"mass {idle[0]}"
@@ -344,9 +342,8 @@ def _matrices(folder: Path, model: MatricesModel, parameters: Sequence[Parameter
             raise
     assert model.mass is not None
     assert model.stiffness is not None
-    return imported(
-        files(model.mass), files(model.stiffness), damping, labels=labels, parameters=parameters, nodes=nodes
-    )
+    mass, stiffness = files(model.mass), files(model.stiffness)
+    return imported(mass, stiffness, damping, labels=labels, parameters=parameters, nodes=nodes)
 
 
 _BUILDERS: dict[str, Callable[[Path, Any, Sequence[Parameter]], StructuralModel]] = {

@@ -32,9 +32,8 @@ if TYPE_CHECKING:
 
 def run(scene: Scene, _: Result | None = None) -> Result:
     """Raise the error that a study is not run as one scene."""
-    raise UsageError(
-        "this is a study: many runs of a scene", remedy=f"Run it with: dynid study {scene.source.file}"
-    )
+    remedy = f"Run it with: dynid study {scene.source.file}"
+    raise UsageError("this is a study: many runs of a scene", remedy=remedy)
 
 
 def study_model(scene: Scene[StudyScene]) -> StudyScene:

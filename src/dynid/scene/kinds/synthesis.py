@@ -143,9 +143,7 @@ def exported_scene(result: Result, form: str | None = None) -> tuple[str, str]:
 
     forms = [str(name) for name in result["synthesis/form"].data]
     if form is not None and form not in forms:
-        raise UsageError(
-            f"the result has no form '{form}'{did_you_mean(form, forms)}",
-            remedy=f"It has {', '.join(forms)}.",
-        )
+        problem = f"the result has no form '{form}'{did_you_mean(form, forms)}"
+        raise UsageError(problem, remedy=f"It has {', '.join(forms)}.")
     chosen = form or forms[0]
     return chosen, str(result.value(f"synthesis/{chosen}/scene"))

@@ -179,9 +179,8 @@ class NodeModel(Section):
                 )
             if self.type not in FIELDS:
                 raise fault(f"only R, I and C have a law, not {self.type}")
-            keys = [
-                name for name in ("value", "matrix", "ports", "structure", "joints") if getattr(self, name)
-            ]
+            others = ("value", "matrix", "ports", "structure", "joints")
+            keys = [name for name in others if getattr(self, name)]
             if keys:
                 raise fault(f"{self.type} has a 'law' or a '{keys[0]}', not both")
             raise_faults(law_faults(self.type, self.law, names_of(info)))
@@ -227,15 +226,13 @@ class NodeModel(Section):
         for name, joint in self.joints.items():
             if joint.points is not None:
                 raise fault(f"joint '{name}' is between points, which a structure in a bond graph has not")
-            if any(
-                isinstance(value, ParameterModel) and value.start is not None for value in (joint.k, joint.c)
-            ):
+            values = [value for value in (joint.k, joint.c) if isinstance(value, ParameterModel)]
+            if any(value.start is not None for value in values):
                 raise fault(
                     f"joint '{name}' in a bond graph has values, no 'start'; name an unknown of 'parameters'"
                 )
-        twice = [
-            dof for index, dof in enumerate(self.ports.values()) if dof in [*self.ports.values()][:index]
-        ]
+        dofs = [*self.ports.values()]
+        twice = [dof for index, dof in enumerate(dofs) if dof in dofs[:index]]
         if twice:
             raise fault(f"two ports are at DOF {twice[0]}; bond several elements to one port instead")
         raise_faults(structure_faults(self, self.structure))
@@ -526,12 +523,8 @@ class BondGraphScene(ComposedScene):
     def _energy_faults(self) -> Iterator[Located]:
         """Yield the fault of stored energy that no result shows."""
         results, showing = self.analysis.results, {"time_response", "transfer_function"}
-        if (
-            self.initial
-            and self.analysis.port is None
-            and results is not None
-            and showing.isdisjoint(results)
-        ):
+        shows = self.analysis.port is not None or results is None or not showing.isdisjoint(results)
+        if self.initial and not shows:
             message = "the initial state shows in a time response, a transfer function or at a port only; "
             message += "'results' lists neither 'time_response' nor 'transfer_function'"
             yield ("initial", AT_KEY), message

@@ -50,9 +50,7 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
     for item in errors:
         *holder, key = item["loc"] or ("",)
         # A missing key that is there under a similar name is reported as unknown already.
-        similar = (
-            similar_key for similar_key in unknown.get(tuple(holder), ()) if did_you_mean(similar_key, [key])
-        )
+        similar = (name for name in unknown.get(tuple(holder), ()) if did_you_mean(name, [key]))
         if item["type"] != "missing" or not any(similar):
             places[_data_path(source.data, item["loc"])].append(item)
     faults = []
@@ -60,25 +58,20 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
         # The errors of the members of a union become one: the value must be one type or another.
         types = dict.fromkeys(_WANTED[item["type"]] for item in items if item["type"] in _WANTED)
         others = [item for item in items if item["type"] not in _WANTED]
-        faults += [
-            _fault(source, model, item) for item in others or [{**items[0], "wanted": " or ".join(types)}]
-        ]
+        merged = others or [{**items[0], "wanted": " or ".join(types)}]
+        faults += [_fault(source, model, item) for item in merged]
     return faults
 
 
 def without_unknown_keys(data: Any, error: ValidationError) -> Any:
     """Return the data of a scene without unknown keys, so that its other faults are found as well."""
-    unknown = {
-        _unknown_key(data, item["loc"]) for item in error.errors() if item["type"] == "extra_forbidden"
-    }
+    strange = (item["loc"] for item in error.errors() if item["type"] == "extra_forbidden")
+    unknown = {_unknown_key(data, loc) for loc in strange}
 
     def kept(section: Any, path: tuple[Any, ...]) -> Any:
         if isinstance(section, dict):
-            return {
-                key: kept(value, (*path, key))
-                for key, value in section.items()
-                if (*path, key) not in unknown
-            }
+            entries = ((key, (*path, key), value) for key, value in section.items())
+            return {key: kept(value, below) for key, below, value in entries if below not in unknown}
         if isinstance(section, list):
             return [kept(value, (*path, index)) for index, value in enumerate(section)]
         return section
@@ -88,10 +81,8 @@ def without_unknown_keys(data: Any, error: ValidationError) -> Any:
 
 def located(source: Source, faults: Iterable[Located]) -> list[Fault]:
     """Return faults by their paths in a scene, each at its line and column."""
-    return [
-        source.fault(_data_path(source.data, path), message, key=path[-1:] == (AT_KEY,))
-        for path, message in faults
-    ]
+    located_paths = ((_data_path(source.data, path), path, message) for path, message in faults)
+    return [source.fault(at, message, key=path[-1:] == (AT_KEY,)) for at, path, message in located_paths]
 
 
 def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fault:
@@ -138,9 +129,7 @@ def _elsewhere(source: Source, path: Sequence[Any]) -> str:
     for key in path_of(source, dotted):
         value = value[key]
     shown = "…" if isinstance(value, dict | list) else value
-    written = [
-        f"--set {candidate}={shown}" if dotted != origin else f"'{candidate}'" for candidate in nearest
-    ]
+    written = [f"--set {path}={shown}" if dotted != origin else f"'{path}'" for path in nearest]
     return f"; did you mean {shortened(written, 3, ' or ')}?" if nearest else _AS_PATH
 
 

@@ -53,9 +53,7 @@ def _modulated(raw: Any, info: ValidationInfo) -> Quantity:
         except ExpressionError:
             return resolve(raw, info, exact=True)
         scene_names = names_of(info)
-        unread = (
-            name for name in expression.names if name not in scene_names.parameters and scene_names.complete
-        )
+        unread = (expression.names - scene_names.parameters.keys()) if scene_names.complete else ()
         meant = any("." in name and name.rpartition(".")[2] in QUANTITIES for name in unread)
         if meant or variables_of(expression, nodes):
             if kind not in _MODULATED:
@@ -105,9 +103,8 @@ def _unknown(expression: Expression, names: SceneNames, variable: str) -> Iterat
         elif name in QUANTITIES and variable:
             yield f"'{name}' is not the variable of this law, which is {variable}; others are NODE.{name}"
         else:
-            close = did_you_mean(
-                name, [*parameters, *(f"{node}.{variable}" for node in names.nodes if variable)]
-            )
+            others = (f"{node}.{variable}" for node in names.nodes if variable)
+            close = did_you_mean(name, [*parameters, *others])
             yield f"no parameter or variable '{name}'{close}"
 
 

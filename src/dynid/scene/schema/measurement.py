@@ -127,10 +127,8 @@ class MeasuredChannelModel(ChannelModel):
             motion = UNITS[self.quantity]
             units, what = [motion, motion.replace("m", "rad", 1)], f"the {self.quantity} of this channel"
             if self.reference is not None:
-                units, what = (
-                    [f"({unit})/{force}" for unit in units for force in ("N", "(N.m)")],
-                    "this response",
-                )
+                units = [f"({unit})/{force}" for unit in units for force in ("N", "(N.m)")]
+                what = "this response"
             try:
                 si_factor(self.unit, units, what=what)
             except UsageError as error:
@@ -232,10 +230,7 @@ class SimulateModel(NoisyModel):
                     "noise with these coefficients is not stationary: all roots of 1 = a_1 z + a_2 z^2 + … "
                     "must lie outside the unit circle"
                 )
-            a = [
-                (first + last * mirrored) / (1 - last**2)
-                for first, mirrored in zip(a, reversed(a), strict=True)
-            ]
+            a = [(first + last * other) / (1 - last**2) for first, other in zip(a, reversed(a), strict=True)]
         return colour
 
 
@@ -357,11 +352,8 @@ class RecordModel(Section):
     def _channels_differ(self) -> Self:
         channels = self.channels or []
         message = "this channel is listed twice"
-        raise_faults(
-            (("channels", index), message)
-            for index, channel in enumerate(channels)
-            if channel in channels[:index]
-        )
+        twice = (index for index, channel in enumerate(channels) if channel in channels[:index])
+        raise_faults((("channels", index), message) for index in twice)
         return self
 
     def completed(self, shared: RecordModel, number: int) -> RecordModel:
@@ -380,9 +372,8 @@ class RecordModel(Section):
         if self.file is not None and self.simulate is None:
             values["simulate"] = None
         if self.simulate is None and values["simulate"] is not None:
-            values["simulate"] = values["simulate"].model_copy(
-                update={"seed": values["simulate"].seed + number}
-            )
+            seed = values["simulate"].seed + number
+            values["simulate"] = values["simulate"].model_copy(update={"seed": seed})
         return RecordModel.model_construct(**values)
 
     def check(self, of: str) -> None:
@@ -488,9 +479,8 @@ class MeasurementModel(RecordModel):
             raise fault("frequency responses stand alone: 'frf' goes with no 'records'")
         if self.modes_alone:
             return self
-        if self.match is not None and not any(
-            isinstance(single_record.channels, AllOfFile) for single_record in self.each
-        ):
+        all_of_file = any(isinstance(record.channels, AllOfFile) for record in self.each)
+        if self.match is not None and not all_of_file:
             if self.modes is not None:
                 raise fault(
                     "'match' goes with 'channels: all'; write that of modes under 'measurement.modes'"

@@ -109,14 +109,12 @@ def resolve(raw: Any, info: ValidationInfo, *, exact: bool = False) -> Quantity:
     names = names_of(info)
     try:
         expression = parse(raw)
-        unknown = sorted(
-            name for name in expression.names if name not in names.parameters and name not in names.faulty
-        )
+        known = names.parameters.keys() | names.faulty
+        unknown = sorted(expression.names - known)
         if unknown and names.complete:
             parameters = [*names.parameters, *names.faulty]
-            raise fault(
-                "; ".join(f"no parameter '{name}'{did_you_mean(name, parameters)}" for name in unknown)
-            )
+            hints = (f"no parameter '{name}'{did_you_mean(name, parameters)}" for name in unknown)
+            raise fault("; ".join(hints))
         if unknown or expression.names & names.faulty:
             return Quantity(Fraction(1))  # reported where it is defined; with any value the other checks run
         value = expression.evaluate(names.parameters)

@@ -117,10 +117,7 @@ def _shape(annotation: Any, metadata: Iterable[Any] = ()) -> _Shape:
 @cache
 def _fields(model: type[BaseModel]) -> dict[str, _Shape]:
     """Return the shapes of the keys of a model that hold references or models."""
-    fields = {
-        name: _shape(field_shape.annotation, field_shape.metadata)
-        for name, field_shape in model.model_fields.items()
-    }
+    fields = {name: _shape(field.annotation, field.metadata) for name, field in model.model_fields.items()}
     return {name: field_shape for name, field_shape in fields.items() if field_shape}
 
 

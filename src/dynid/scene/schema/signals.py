@@ -150,11 +150,8 @@ class ChirpSignal(PeriodicPart):
     def parameters(self) -> dict[str, Any]:
         """Return the parameters; here start and stop are frequencies."""
         parameters = super().parameters()
-        return {
-            **parameters,
-            "start": parameters["start"] * self.factor,
-            "stop": parameters["stop"] * self.factor,
-        }
+        frequencies = {key: parameters[key] * self.factor for key in ("start", "stop")}
+        return {**parameters, **frequencies}
 
 
 class RandomSignal(PeriodicPart):

@@ -164,11 +164,8 @@ def _as_mapping(raw: Any) -> Any:
     if "distribution" in raw:
         fields = _MODELS[_FORMS[name]].model_fields
         needed = [key for key, field in fields.items() if field.is_required() and key != "distribution"]
-        renamed = [
-            (key, field_name)
-            for key, field_name in _OTHER_NAMES.items()
-            if key in raw and field_name in fields
-        ]
+        names = ((key, name) for key, name in _OTHER_NAMES.items() if name in fields)
+        renamed = [(key, name) for key, name in names if key in raw]
         if renamed or not all(key in raw for key in needed):
             hint = "".join(f"; write '{field_name}' for '{key}'" for key, field_name in renamed)
             raise fault(f"distribution '{name}' needs the keys {', '.join(needed)}{hint}")

@@ -215,9 +215,8 @@ class _TreeBuilder:
 
     def check_characters(self, text: str) -> None:
         if len(text) > MAX_CHARACTERS:
-            self._stop(
-                (1, 1), f"the text is longer than {MAX_CHARACTERS // 2**20} MiB; put large data in files"
-            )
+            size = f"{MAX_CHARACTERS // 2**20} MiB"
+            self._stop((1, 1), f"the text is longer than {size}; put large data in files")
         matches = list(islice(_UNTYPABLE.finditer(text), 10))
         for match in matches:
             character = f"the character U+{ord(match.group()):04X} does not belong in a scene"
@@ -285,10 +284,8 @@ class _TreeBuilder:
         if any(frame.anchor == name for frame in self._stack):
             self._stop(position, f"the alias *{name} stands inside the value it repeats")
         if name not in self._anchors:
-            self._stop(
-                position,
-                f"no anchor &{name} stands before this alias; put a text that begins with * in quotes",
-            )
+            message = f"no anchor &{name} stands before this alias; put a text that begins with * in quotes"
+            self._stop(position, message)
         value, nodes, height = self._anchors[name]
         self._count(nodes, position)
         if len(self._stack) + height > MAX_DEPTH:

@@ -180,9 +180,8 @@ def _read_regular_file(name: str) -> bytes:
         reason = getattr(error, "strerror", None) or str(error)
         raise FileError(f"{name} cannot be read: {reason}", names=[name]) from None
     if len(raw) > 4 * MAX_CHARACTERS:
-        raise FileError(
-            f"{name} is too large for a scene; put large data in files of their own", names=[name]
-        )
+        message = f"{name} is too large for a scene; put large data in files of their own"
+        raise FileError(message, names=[name])
     return raw
 
 
@@ -199,15 +198,12 @@ def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Positions], 
         child = holder.get(key) if isinstance(holder, dict) else holder[key]
         child = {} if child is None else child
         if not isinstance(child, dict | list):
-            kind = (
-                "a text" if isinstance(child, str) else "a Boolean" if isinstance(child, bool) else "a number"
-            )
+            kinds = {str: "a text", bool: "a Boolean"}
+            kind = kinds.get(type(child), "a number")
             name = ".".join(map(str, path)) or "the scene"
             message = f"{name} is {kind}, not a mapping; it has no '{parts[0]}'"
             if path and isinstance(holder, dict):
-                others = [
-                    str(key_of_mapping) for key_of_mapping, value in holder.items() if isinstance(value, dict)
-                ]
+                others = [str(name) for name, value in holder.items() if isinstance(value, dict)]
                 message += did_you_mean(str(key), others)
             raise SceneError([Fault(origin, 1, 1, message)])
         holder[key] = holder = child.copy()

@@ -142,9 +142,8 @@ def _with_one_note_a_line(text: str, edits: Mapping[Path, _Edit]) -> list[_Edit]
         edits_of_line.sort(key=lambda pair: pair[0].start)
         names = short_paths([".".join(map(str, path)) for _, path in edits_of_line])
         kept |= dict.fromkeys((edit for edit, _ in edits_of_line), "")
-        kept[edits_of_line[-1][0]] = _joined(
-            dict(zip(names, (edit.note for edit, _ in edits_of_line), strict=True))
-        )
+        by_name = zip(names, (edit.note for edit, _ in edits_of_line), strict=True)
+        kept[edits_of_line[-1][0]] = _joined(dict(by_name))
     return [edit._replace(note=note) for edit, note in kept.items()]
 
 
