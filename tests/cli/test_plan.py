@@ -179,7 +179,7 @@ def test_usage(dynid):
             "14:27: there is no DOF 9; the structure has 3",
         ),
         ("plan: {excitation: {dofs: [4]}}", "14:28: there is no DOF 4; the structure has 3"),
-        ("plan: {excitation: {band: [8, 2]}}", "14:20: a band is [low, high], and low is not below high"),
+        ("plan: {excitation: {band: [8, 2]}}", "14:27: a band is [low, high], and low is not below high"),
         ("plan: {noise: {speed: 1}}", "14:16: "),
         ("plan: {quantities: [speed]}", "14:21: this entry cannot be 'speed'"),
         ("plan: {lins: 3}", "14:8: 'lins' is not a key of plan; did you mean 'lines'?"),

@@ -207,7 +207,7 @@ FAULTS = {
     f"{H}'band' belongs to 'minimise: peak'; the other norms are over all frequencies": {
         "targets": "[{minimise: h2, band: [1, 2]}]"
     },
-    f"{H}the first frequency of 'band' is not below the second": {
+    "scene.yaml:19:36: a band is [low, high], and low is not below high": {
         "targets": "[{minimise: peak, band: [2, 1]}]"
     },
     f"{H}'weight' belongs to norms to minimise; zeros and poles are met exactly": {

@@ -392,7 +392,7 @@ MEASURED = f"{HEAD}{MEASUREMENT}  frf: {{file: {{path: a.h5}}}}\n"
         ),
         ("a.h5", "a.h5, averages: 3", "11:15: 'averages' are those of a 'coherence'"),
         ("file: {path: a.h5}", "band: [1, 2]", "11:8: frequency responses are either 'simulate'd or read"),
-        ("a.h5}", "a.h5}, band: [2, 1]", "11:8: a band is [low, high], and low is not below high"),
+        ("a.h5}", "a.h5}, band: [2, 1]", "11:35: a band is [low, high], and low is not below high"),
         ("a.h5", "a.h5, columns: [1, 2, 3]", "8:3: 'columns' names 3, but 'channels' has 2"),
         ("a.h5}}", "a.h5, deviation: [a, b]}}\n  noise: 3", "8:3: the noise is given by line already"),
         (

@@ -22,9 +22,8 @@ from pydantic import (
     model_validator,
 )
 
-from dynid.scene.schema.later import Later
 from dynid.scene.schema.quantities import AT_KEY, Located, NotNegative, Positive, Quantity, Value, fault
-from dynid.scene.schema.references import DOF, FILE, SIGNED_DOF
+from dynid.scene.schema.references import DOF, FILE, SIGNED_DOF, Later
 from dynid.suggestions import did_you_mean
 from dynid.units import UnknownUnitError, readings, unit_fits
 
@@ -70,6 +69,16 @@ OneOrList = Annotated[
     Annotated[Entry, Tag("one")] | Annotated[list[Entry], Tag("list")], by_form("one", "list")
 ]
 """One value, or one for each element, mode or channel."""
+
+
+def _is_a_band(band: list[Quantity]) -> list[Quantity]:
+    if band[0].value >= band[1].value:
+        raise fault("a band is [low, high], and low is not below high")
+    return band
+
+
+Band = Annotated[list[Entry], Field(min_length=2, max_length=2), AfterValidator(_is_a_band)]
+"""Two frequencies, the first below the second."""
 
 
 def short_for(key: str, accepted: Any) -> BeforeValidator:

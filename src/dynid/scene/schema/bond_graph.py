@@ -49,7 +49,6 @@ from dynid.scene.schema.control import DELAY_REMEDY, ControlModel
 from dynid.scene.schema.design import DesignModel
 from dynid.scene.schema.graph_variables import TEXT, Output, SourceName, stored_energy_faults, unknown_node
 from dynid.scene.schema.joints import JointModel, ParameterModel
-from dynid.scene.schema.later import Later
 from dynid.scene.schema.laws import LawModel, NodeValue, OperatingPointModel, law_faults
 from dynid.scene.schema.quantities import (
     AROUND,
@@ -74,7 +73,7 @@ from dynid.scene.schema.raw import (
     ports_of,
 )
 from dynid.scene.schema.reduction import ReductionModel, structure_faults
-from dynid.scene.schema.references import sections
+from dynid.scene.schema.references import Later, sections
 from dynid.scene.schema.signals import SignalPart, TimeGrid, calibration_faults
 from dynid.scene.schema.structure import StructureModel
 from dynid.suggestions import did_you_mean, shortened

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from dynid.arithmetic.expression import ExpressionError, parse
-from dynid.scene.schema.base import DefinedParameter, Section, short_for
+from dynid.scene.schema.base import Band, DefinedParameter, Section, short_for
 from dynid.scene.schema.graph_variables import Output, SourceName
 from dynid.scene.schema.quantities import AT_KEY, Located, NotNegative, Positive, Value, fault
 from dynid.suggestions import did_you_mean
@@ -70,7 +70,7 @@ class DesignTarget(Section):
     output: Output | None = None
     input: SourceName | None = None
     unit: Literal["rad/s", "Hz"] = "rad/s"
-    band: Annotated[list[NotNegative], Field(min_length=2, max_length=2)] | None = None
+    band: Band[NotNegative] | None = None
     weight: Positive | None = None
 
     @property
@@ -85,8 +85,6 @@ class DesignTarget(Section):
             raise fault("a target is one of {zero: …}, {pole: …}, {minimise: peak | h2 | hinf}")
         if self.band is not None and self.minimise != "peak":
             raise fault("'band' belongs to 'minimise: peak'; the other norms are over all frequencies")
-        if self.band is not None and not float(self.band[0]) < float(self.band[1]):
-            raise fault("the first frequency of 'band' is not below the second")
         if self.weight is not None and self.minimise is None:
             raise fault("'weight' belongs to norms to minimise; zeros and poles are met exactly")
         return self

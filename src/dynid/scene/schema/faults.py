@@ -10,9 +10,9 @@ from typing import Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from dynid.errors import Fault
-from dynid.scene.schema.later import Later
 from dynid.scene.schema.quantities import AROUND, AT_KEY, Located
 from dynid.scene.schema.raw import value_with_unit
+from dynid.scene.schema.references import Later
 from dynid.scene.yaml.source import Source, path_of
 from dynid.suggestions import did_you_mean, nearest_values, shortened, without_decimal_comma
 

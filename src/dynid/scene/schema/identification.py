@@ -10,6 +10,7 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, model_validator
 from dynid.defaults import ESTIMATOR
 from dynid.scene.schema.base import (
     AccuracyModel,
+    Band,
     ComposedScene,
     DefinedParameter,
     Dof,
@@ -21,7 +22,6 @@ from dynid.scene.schema.base import (
 )
 from dynid.scene.schema.graph_variables import stored_energy_faults
 from dynid.scene.schema.joints import JointModel, ParameterModel
-from dynid.scene.schema.later import Later
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
 from dynid.scene.schema.parts import PartModel, PartName, PointModel
 from dynid.scene.schema.quantities import (
@@ -36,7 +36,7 @@ from dynid.scene.schema.quantities import (
 )
 from dynid.scene.schema.raw import listing, mapping_of
 from dynid.scene.schema.reduction import ReductionModel, structure_faults
-from dynid.scene.schema.references import Path, sections
+from dynid.scene.schema.references import Later, Path, sections
 from dynid.scene.schema.signals import SignalPart, Signals, TimeGrid, calibration_faults
 from dynid.scene.schema.structure import StructureModel
 from dynid.suggestions import did_you_mean
@@ -142,14 +142,8 @@ class ForceModel(Section):
 
     dofs: list[SignedDof] | None = Field(default=None, min_length=1)
     sources: list[str] | None = Field(default=None, min_length=1)
-    band: list[Positive] | None = Field(default=None, min_length=2, max_length=2)
+    band: Band[Positive] | None = None
     unit: Literal["rad/s", "Hz"] = "rad/s"
-
-    @model_validator(mode="after")
-    def _is_a_band(self) -> Self:
-        if self.band and float(self.band[0]) >= float(self.band[1]):
-            raise fault("a band is [low, high], and low is not below high")
-        return self
 
 
 class PlanModel(Section):

@@ -17,6 +17,7 @@ from pydantic import (
 from dynid.defaults import NOISE_VALUES
 from dynid.errors import UsageError
 from dynid.scene.schema.base import (
+    Band,
     FilePath,
     FrequencyGrid,
     MotionQuantity,
@@ -27,7 +28,6 @@ from dynid.scene.schema.base import (
     by_form,
 )
 from dynid.scene.schema.graph_variables import Output
-from dynid.scene.schema.later import Later
 from dynid.scene.schema.quantities import (
     NotNegative,
     Positive,
@@ -37,6 +37,7 @@ from dynid.scene.schema.quantities import (
     fault,
     raise_faults,
 )
+from dynid.scene.schema.references import Later
 from dynid.scene.schema.signals import Signals, TablePlace
 from dynid.scene.schema.structure import PerElement, PerElementOrZero
 from dynid.units import si_factor
@@ -294,15 +295,13 @@ class FrfModel(Section):
 
     simulate: Annotated[SimulateFrfModel, Later()] | None = None
     file: Annotated[FrfFileModel, Later()] | None = None
-    band: list[NotNegative] | None = Field(default=None, min_length=2, max_length=2)
+    band: Band[NotNegative] | None = None
     unit: Literal["rad/s", "Hz"] | None = None
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
         if (self.simulate is None) == (self.file is None):
             raise fault("frequency responses are either 'simulate'd or read from a 'file'")
-        if self.band and float(self.band[0]) >= float(self.band[1]):
-            raise fault("a band is [low, high], and low is not below high")
         if self.simulate is not None and (self.band or self.unit):
             raise fault("'band' and 'unit' are those of a 'file'; simulated lines have their own")
         return self
@@ -312,17 +311,10 @@ class PrepareModel(Section):
     """One step that prepares measured samples: subtract a trend, pass a band, or keep every n-th sample."""
 
     detrend: Literal["constant", "linear"] | None = None
-    band_pass: list[NotNegative] | None = Field(default=None, min_length=2, max_length=2)
+    band_pass: Band[NotNegative] | None = None
     unit: Literal["rad/s", "Hz"] | None = None
     order: int | None = Field(default=None, ge=1, le=10, strict=True)
     decimate: int | None = Field(default=None, ge=2, le=100_000, strict=True)
-
-    @field_validator("band_pass")
-    @classmethod
-    def _is_a_band(cls, band: list[Quantity] | None) -> list[Quantity] | None:
-        if band and band[0].value >= band[1].value:
-            raise fault("a band is [low, high], and low is not below high")
-        return band
 
     @model_validator(mode="after")
     def _is_one_step(self) -> Self:

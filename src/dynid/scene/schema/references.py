@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel
+from pydantic import BaseModel, GetCoreSchemaHandler, ValidationInfo
+from pydantic_core import CoreSchema, core_schema
 
-from dynid.scene.schema.later import Later
+from dynid.scene.kind import resolve
 from dynid.scene.schema.quantities import AT_KEY, Located
 from dynid.suggestions import did_you_mean
 
@@ -25,6 +26,26 @@ if TYPE_CHECKING:
 T = TypeVar("T", bound=BaseModel)
 
 Path = tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Later:
+    """Annotation of a field whose model is made ready, and its module loaded, at the first value of it."""
+
+    reference: str = ""  #: The model as ``module:name``; default: the annotated class.
+
+    def model(self, annotated: Any = None) -> type[BaseModel]:
+        """Return the model, loaded now."""
+        model: type[BaseModel] = resolve(self.reference) or annotated
+        return model
+
+    def __get_pydantic_core_schema__(self, source: Any, _: GetCoreSchemaHandler) -> CoreSchema:
+        def validated(raw: Any, info: ValidationInfo) -> BaseModel:
+            return self.model(source).model_validate(raw, context=info.context)
+
+        # The JSON Schema of scenes finds the model there.
+        metadata = {"model": lambda: self.model(source)}
+        return core_schema.with_info_plain_validator_function(validated, metadata=metadata)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,15 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Discriminator, Field, field_validator, model_validator
 
 from dynid.defaults import HOLD
-from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SensitivityModel, SignedDof, UnitName
+from dynid.scene.schema.base import (
+    Band,
+    FilePath,
+    MotionQuantity,
+    Section,
+    SensitivityModel,
+    SignedDof,
+    UnitName,
+)
 from dynid.scene.schema.quantities import (
     AT_KEY,
     Located,
@@ -160,15 +168,8 @@ class RandomSignal(PeriodicPart):
     kind: Literal["random"]
     amplitude: Positive = Quantity(1)
     seed: int = Field(default=0, ge=0, strict=True)
-    band: list[NotNegative] | None = Field(default=None, min_length=2, max_length=2)
+    band: Band[NotNegative] | None = None
     hold: Hold | None = None
-
-    @field_validator("band")
-    @classmethod
-    def _is_a_band(cls, band: list[Quantity] | None) -> list[Quantity] | None:
-        if band and band[0].value >= band[1].value:
-            raise fault("a band is [low, high], and low is not below high")
-        return band
 
 
 class ImpactSignal(AmplitudePart):

@@ -17,8 +17,7 @@ from pydantic import (
 )
 
 from dynid.number_format import counted
-from dynid.scene.schema.base import Dof, DofLabel, FilePath, OneOrList, Section, UnitName
-from dynid.scene.schema.later import Later
+from dynid.scene.schema.base import Dof, DofLabel, Entry, FilePath, OneOrList, Section, UnitName
 from dynid.scene.schema.quantities import (
     Located,
     NotNegative,
@@ -32,7 +31,7 @@ from dynid.scene.schema.quantities import (
     fault,
     raise_faults,
 )
-from dynid.scene.schema.references import FILE, NODE, Freedom, beam_labels, frame_labels, node_faults
+from dynid.scene.schema.references import FILE, NODE, Freedom, Later, beam_labels, frame_labels, node_faults
 from dynid.units import unit_fits
 
 #: The most elements and nodes that a scene may ask for.
@@ -151,23 +150,26 @@ class MemberModel(Section):
     hinges: list[Literal[1, 2]] = []
 
 
+def _is_bounded(members: list[Any]) -> list[Any]:
+    if sum(member.elements for member in members) > MAX_ELEMENTS:
+        raise fault(f"the members have more than {MAX_ELEMENTS:,} elements together")
+    return members
+
+
+_Members = Annotated[list[Entry], Field(min_length=1, max_length=MAX_ELEMENTS), AfterValidator(_is_bounded)]
+
+
 class FrameModel(Section):
     """A plane frame: nodes by their coordinates, members between them."""
 
     nodes: list[Annotated[list[Uncertain], Field(min_length=2, max_length=2)]] = Field(
         min_length=2, max_length=MAX_ELEMENTS
     )
-    members: list[MemberModel] = Field(min_length=1, max_length=MAX_ELEMENTS)
+    members: _Members[MemberModel]
     supports: list[FrameSupport] = []
     masses: list[PointMassModel] = []
     springs: list[FrameSpring] = []
     damping: DampingModel | None = None
-
-    @model_validator(mode="after")
-    def _is_bounded(self) -> Self:
-        if sum(member.elements for member in self.members) > MAX_ELEMENTS:
-            raise fault(f"the members have more than {MAX_ELEMENTS:,} elements together")
-        return self
 
     def labels(self) -> list[int | str]:
         """Return the labels of the free degrees of freedom, those at nodes within members last."""
@@ -243,17 +245,11 @@ class SpaceFrameModel(Section):
     """A frame in three dimensions: nodes by their coordinates, members between them."""
 
     nodes: list[_UncertainVector] = Field(min_length=2, max_length=MAX_ELEMENTS)
-    members: list[SpaceMemberModel] = Field(min_length=1, max_length=MAX_ELEMENTS)
+    members: _Members[SpaceMemberModel]
     supports: list[SpaceSupport] = []
     masses: list[RigidMassModel] = []
     springs: list[SpaceSpring] = []
     damping: DampingModel | None = None
-
-    @model_validator(mode="after")
-    def _is_bounded(self) -> Self:
-        if sum(member.elements for member in self.members) > MAX_ELEMENTS:
-            raise fault(f"the members have more than {MAX_ELEMENTS:,} elements together")
-        return self
 
 
 class LinkModel(Section):
