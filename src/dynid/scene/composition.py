@@ -287,11 +287,8 @@ def _changed(values: Mapping[str, Any], usual: Mapping[str, Any], node: Mapping[
     changed = set(values)
     while True:
         names = {name: f"{name}'" for name in changed}
-        others = {
-            name
-            for name, value in usual.items()
-            if name not in changed and name not in node and _scoped(value, names) != value
-        }
+        candidates = usual.keys() - changed - node.keys()
+        others = {name for name in candidates if _scoped(usual[name], names) != usual[name]}
         if not others:
             return changed
         changed |= others

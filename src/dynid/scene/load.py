@@ -119,10 +119,8 @@ class Scene(Generic[M]):
             )
             path = next((path for path in candidates if path in self.source.marks), None)
             if path is None:
-                dotted = tuple(
-                    int(key_of_joint) if key_of_joint.isdecimal() else key_of_joint
-                    for key_of_joint in name.split(".")
-                )
+                keys = name.split(".")
+                dotted = tuple(int(key) if key.isdecimal() else key for key in keys)
                 path = dotted if dotted[0] in self.source.data else None
             if path is not None:
                 return self.source.fault(path, str(error), key=True)

@@ -70,10 +70,8 @@ def explain(scene: Scene) -> Explanation:
 
 def _results(scene: Scene[BondGraphScene], analysis: Analysis) -> list[Fact]:
     """Return the results that are computed, with the sizes of the grids that they need, and the others."""
-    asked, others = (
-        ", ".join(name for name in RESULTS if (name in analysis.results) == here).replace("_", " ")
-        for here in (True, False)
-    )
+    names = ([name for name in RESULTS if (name in analysis.results) == here] for here in (True, False))
+    asked, others = (", ".join(group).replace("_", " ") for group in names)
     model = scene.model
     unused = unused_grids(model, model.analysis)
     grids = []

@@ -187,10 +187,8 @@ def _of_record(scene: Scene[IdentificationScene], likelihood: Likelihood) -> Ite
     step = min(float(record.step or math.inf) for record in model.measurement.each)
     times = [len(record.data.values) for record in records]
     lengths = f"{times[0]:,}" if len(set(times)) == 1 else f"{min(times):,} to {max(times):,}"
-    yield Fact(
-        "record",
-        f"{lengths} samples of {counted(channels, 'channel')} every {step:.4g} s{several}: {count:,} values",
-    )
+    samples = f"{lengths} samples of {counted(channels, 'channel')}"
+    yield Fact("record", f"{samples} every {step:.4g} s{several}: {count:,} values")
     nyquist = math.pi / step
     if not (model.excitation or any(record.excitation for record in model.measurement.each)):
         yield Fact("sampling", f"no excitation is given; half the sampling rate is {unit.text(nyquist)}")

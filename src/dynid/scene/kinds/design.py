@@ -57,10 +57,9 @@ def design_of(scene: Scene[BondGraphScene]) -> Design:
     grid = model.analysis.frequency
     omega = angular_frequencies(grid) if grid else None
     band = (0.0, math.inf) if omega is None or len(omega) < 2 else (float(omega[0]), float(omega[-1]))
-    compared = {
-        title: {name: float(value) for name, value in values.items()}
-        for title, values in design_model.compare.items()
-    }
+    compared = {}
+    for title, values in design_model.compare.items():
+        compared[title] = {name: float(value) for name, value in values.items()}
     return Design(
         built.graph,
         tuple(_free_parameter(model, design_model, name) for name in design_model.free),

@@ -42,10 +42,8 @@ def identified_graph(scene: Scene[IdentificationScene]) -> tuple[IdentifiedGraph
     reading = analysis.reading if analysis else "decimal"
     built = build_graph(scene, model.graph, asked, reading, control=model.control)
     variables = dict(zip(asked, built.outputs, strict=True))
-    initial = {
-        str(name): float(energy.f if energy.f is not None else energy.e or 0)
-        for name, energy in model.initial.items()
-    }
+    stored = {str(name): energy.e if energy.f is None else energy.f for name, energy in model.initial.items()}
+    initial = {name: float(quantity or 0) for name, quantity in stored.items()}
     graph = IdentifiedGraph(built.graph, all_parameters(model), initial, variables)
     outputs = tuple(variables[output] for output in (analysis.outputs if analysis else ()))
     return graph, built._replace(outputs=outputs)

@@ -86,10 +86,8 @@ def _from_file(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
     if modes.file.modes is not None:
         keep = np.array(modes.file.modes) - 1
         if keep.max() >= len(survey.frequency):
-            raise FileError(
-                f"{path} has {len(survey.frequency)} modes, but mode {keep.max() + 1} is asked for",
-                names=(f"{path_of_file}.modes",),
-            )
+            said = f"{path} has {len(survey.frequency)} modes, but mode {keep.max() + 1} is asked for"
+            raise FileError(said, names=(f"{path_of_file}.modes",))
     unit = modes.unit or survey.unit or "rad/s"
     stated = survey.unit or unit  # of the values in the file
     factor = angular_factor(stated)

@@ -31,11 +31,9 @@ def unknown_parameters(model: SceneModel) -> tuple[Parameter, ...]:
     """
     from dynid.parameters import Parameter  # loads NumPy
 
-    unknown = {
-        name: entry
-        for name, entry in model.parameters.items()
-        if isinstance(entry, DefinedParameter) and entry.start is not None
-    }
+    entries = model.parameters.items()
+    defined = {name: entry for name, entry in entries if isinstance(entry, DefinedParameter)}
+    unknown = {name: entry for name, entry in defined.items() if entry.start is not None}
     linear: frozenset[str] = frozenset()
     if any(entry.scale is None for entry in unknown.values()):
         linear = linear.union(

@@ -77,10 +77,8 @@ def _weights(name: str, sum_of: Mapping[Any, Any], structure: StructuralModel) -
     for dof, weight in sum_of.items():
         label = structure.label(dof)
         if label in weights:
-            raise UsageError(
-                f"the motion '{name}' names the DOF {label} twice",
-                remedy="Write it once, with the sum of its weights.",
-            )
+            problem = f"the motion '{name}' names the DOF {label} twice"
+            raise UsageError(problem, remedy="Write it once, with the sum of its weights.")
         weights[label] = float(weight)
     if not any(weights.values()):
         raise UsageError(f"the motion '{name}' has no weight but zero", remedy="Give weights.")
@@ -167,11 +165,8 @@ def _axes(name: str, axes: Axes | AxesModel) -> Array:
     x, y = np.array(_vector(axes.x)), np.array(_vector(axes.y))
     z = np.cross(x, y)
     if not np.linalg.norm(z) > 1e-9 * np.linalg.norm(x) * np.linalg.norm(y):
-        raise UsageError(
-            f"the axes x and y of joint {name} are parallel",
-            remedy="Give others.",
-            names=(f"joints.{name}.axes",),
-        )
+        problem = f"the axes x and y of joint {name} are parallel"
+        raise UsageError(problem, remedy="Give others.", names=(f"joints.{name}.axes",))
     rows = np.array([x, np.cross(z, x), z])
     if axes.z is not None:
         third = np.array(_vector(axes.z))

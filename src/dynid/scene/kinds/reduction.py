@@ -177,11 +177,8 @@ def run(scene: Scene[ReductionScene], sample: Result | None = None) -> Result:
         return result
     add_geometry(result, model, structure)
     names = result_names([reduction.method for reduction in model.reduction])
-    add_reduction_scope(
-        result,
-        model,
-        {name: reduction.method for name, reduction in zip(names, model.reduction, strict=True)},
-    )
+    methods = (reduction.method for reduction in model.reduction)
+    add_reduction_scope(result, model, dict(zip(names, methods, strict=True)))
     return result
 
 

@@ -55,12 +55,8 @@ def add_identification_scope(
     measured = model.measurement is not None
     unknown = [unknown_parameter.name for unknown_parameter in structure.unknowns]
     # The terms of joints that depend on parameters are not fixed.
-    terms = [
-        term.name
-        for joint in structure.joints
-        for term in joint.terms
-        if term.name in unknown or not term.product.terms
-    ]
+    all_terms = (term for joint in structure.joints for term in joint.terms)
+    terms = [term.name for term in all_terms if term.name in unknown or not term.product.terms]
     terms += [name for name in unknown if name not in terms]
     why = "known: fixed at their values"
     parts.append(divided("parameters", terms, unknown if measured else [], why if measured else _FIXED))
@@ -158,11 +154,8 @@ def add_geometry(
         if model.responses is not None:
             sensors += model.responses.outputs or ()
             loads += model.responses.inputs or ()
-    named = {
-        (channel_of(record, structure).name, result_name(structure, end)): None
-        for record in sensors
-        for end in record.ends
-    }
+    ends = ((record, end) for record in sensors for end in record.ends)
+    named = {(channel_of(record, structure).name, result_name(structure, end)): None for record, end in ends}
     acting = dict.fromkeys(result_name(structure, dof) for dof in loads)
     parts = [model.structure, *(getattr(model, "structures", None) or {}).values()]
     imported = any(signal is not None and signal.matrices is not None for signal in parts)

@@ -315,12 +315,9 @@ def _matrices(folder: Path, model: MatricesModel, parameters: Sequence[Parameter
         return from_state_space(folder / state_space.path, names, labels=labels)
 
     def files(items: list[FileModel]) -> list[MatrixPart]:
-        return [
-            MatrixPart(
-                matrix_file(folder, item.path, item.name), 1.0 if item.factor is None else item.factor.real
-            )
-            for item in items
-        ]
+        factors = [1.0 if item.factor is None else item.factor.real for item in items]
+        matrices = (matrix_file(folder, item.path, item.name) for item in items)
+        return list(map(MatrixPart, matrices, factors))
 
     nodes = None if model.nodes is None else folder / model.nodes
     damping = files(model.damping) if isinstance(model.damping, list) else _damping(model.damping)

@@ -69,11 +69,8 @@ def driving_function(scene: Scene[SynthesisScene]) -> Driving:
     )
     violation = find_violation(function.numerator, function.denominator)
     if violation is not None:
-        raise NotPositiveReal(
-            f"the {key} is not positive real: {violation.sentence}",
-            remedy="No passive bond graph has it.",
-            names=(key,),
-        )
+        problem = f"the {key} is not positive real: {violation.sentence}"
+        raise NotPositiveReal(problem, remedy="No passive bond graph has it.", names=(key,))
     return function
 
 

@@ -251,10 +251,8 @@ def _chain_problem(raw: Any, nodes: Mapping[str, str]) -> str:
 def _chains(entries: list[Any], info: ValidationInfo) -> list[tuple[Bond, ...]]:
     nodes = names_of(info).nodes
     problems = {index: text for index, raw in enumerate(entries) if (text := _chain_problem(raw, nodes))}
-    chains = [
-        () if index in problems else tuple(starmap(Bond, pairwise(chain_ends(raw))))
-        for index, raw in enumerate(entries)
-    ]
+    ends = [[] if index in problems else chain_ends(raw) for index, raw in enumerate(entries)]
+    chains = [tuple(starmap(Bond, pairwise(chain))) for chain in ends]
     faults = [*(((index,), text) for index, text in problems.items())]
     raise_faults([*faults, *_bond_faults(nodes, chains, complete=not faults)])
     return chains

@@ -196,12 +196,8 @@ def _tag(error: dict[str, Any]) -> str:
 
 
 def _shown(value: Any) -> str:
-    kinds: dict[type, str] = {
-        dict: "a mapping",
-        list: "a list",
-        type(None): "nothing",
-        bool: str(value).lower(),
-    }
+    kinds: dict[type, str] = {dict: "a mapping", list: "a list", type(None): "nothing"}
+    kinds[bool] = str(value).lower()
     text = next((word for kind, word in kinds.items() if isinstance(value, kind)), repr(value))
     return text if len(text) < 60 else f"{text[:57]}…"
 

@@ -198,11 +198,8 @@ class IdentificationScene(ComposedScene):
     @property
     def reduction_method(self) -> str:
         """The method that reduces the structure, or those that reduce its parts."""
-        methods = [
-            f"{reduction.method} ({name})"
-            for name, reduction in self.part_reductions.items()
-            if reduction is not None
-        ]
+        reductions = self.part_reductions.items()
+        methods = [f"{reduction.method} ({name})" for name, reduction in reductions if reduction is not None]
         return ", ".join([*methods, *([self.reduction.method] if self.reduction is not None else [])])
 
     @property

@@ -78,11 +78,8 @@ class ParameterModel(Section):
             raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
         if self.start is None and self.value is None and self.matrix is None:
             raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
-        if (
-            self.start is not None
-            and self.matrix is not None
-            and not any(float(entry) for row in self.matrix for entry in row)
-        ):
+        entries = [entry for row in self.matrix or () for entry in row]
+        if self.start is not None and self.matrix is not None and not any(map(float, entries)):
             raise fault("the 'matrix' beside 'start' is zero: there is nothing to identify")
         if self.start is not None and any(entry.dependent for row in self.matrix or () for entry in row):
             raise fault(

@@ -246,11 +246,8 @@ def _texts(entry: Any) -> Iterator[tuple[tuple[str, ...], str]]:
         if isinstance(value, str) and key != "scale":
             yield (str(key),), value
         if key == "prior":
-            yield from (
-                ((str(key), str(prior_key)), text)
-                for prior_key, text in mapping_of(value).items()
-                if isinstance(text, str)
-            )
+            entries = ((key, str(inner), text) for inner, text in mapping_of(value).items())
+            yield from (((str(key), inner), text) for key, inner, text in entries if isinstance(text, str))
 
 
 #: Blocks that describe a frequency axis: where there is one, its unit is that of the scene.

@@ -208,11 +208,9 @@ class ReductionScene(SceneModel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         message = "the joints of a comparison are known: give a 'value', or the number alone"
-        unknown = [
-            ((*path, "start", AT_KEY), message)
-            for path, parameter in sections(self, ParameterModel)
-            if parameter.start is not None
-        ]
+        parameters = sections(self, ParameterModel)
+        started = (path for path, parameter in parameters if parameter.start is not None)
+        unknown = [((*path, "start", AT_KEY), message) for path in started]
         raise_faults([*structure_faults(self, self.structure), *unknown, *accuracy_faults(self)])
         return self
 

@@ -64,11 +64,8 @@ class SignalPart(Section):
         """Return the signal's own parameters as floats, frequencies in rad/s."""
         values = {name: getattr(self, name) for name in type(self).model_fields if name not in _NO_PARAMETERS}
         factor = self.factor
-        return {
-            name: _as_float(value, factor if name in _FREQUENCIES else 1.0)
-            for name, value in values.items()
-            if value is not None
-        }
+        factors = {name: factor if name in _FREQUENCIES else 1.0 for name in values}
+        return {name: _as_float(value, factors[name]) for name, value in values.items() if value is not None}
 
 
 class AmplitudePart(SignalPart):

@@ -233,11 +233,8 @@ def known_names(model: StudyScene, parameters: Iterable[object]) -> dict[str, st
 
     A name that two paths share refers to neither.
     """
-    pairs = [
-        (name, path)
-        for key, factor in model.vary.items()
-        for name, path in zip(names_of_factor(key, factor), paths_of(key), strict=True)
-    ]
+    factors = ((key, names_of_factor(key, factor)) for key, factor in model.vary.items())
+    pairs = [pair for key, named in factors for pair in zip(named, paths_of(key), strict=True)]
     pairs += [(target.rpartition(".")[2], target) for target in model.derive]
     counts = Counter(name for name, _ in pairs)
     names = {name: path for name, path in pairs if counts[name] == 1}
