@@ -20,7 +20,7 @@ from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
 from dynid.scene.outcomes import SampleBlock, SampleOutcome, SampleOutcomes, gather
 from dynid.scene.schema.base import DefinedParameter
-from dynid.scene.schema.raw import reference_key, reference_values
+from dynid.scene.schema.raw import reference_values
 from dynid.scene.yaml.source import set_values
 
 if TYPE_CHECKING:
@@ -215,17 +215,11 @@ def varied_parameter(parameters: Mapping[str, Any], path: Sequence[str]) -> str 
     match path:
         case ["parameters", name] if name in parameters:
             return name
-        case ["parameters", name, key] if _is_reference(parameters.get(name), key):
-            return name
+        case ["parameters", name, key] if isinstance(entry := parameters.get(name), DefinedParameter):
+            bounded = entry.min is not None or entry.max is not None or entry.scale == "log"
+            if key == entry.reference_key and not bounded:
+                return name
     return None
-
-
-def _is_reference(parameter: Any, key: str) -> bool:
-    """Return True for the key that alone determines a parameter's value, which may have any."""
-    if not isinstance(parameter, DefinedParameter) or getattr(parameter, key, None) is None:
-        return False
-    bounded = parameter.min is not None or parameter.max is not None or parameter.scale == "log"
-    return not bounded and key == reference_key(dict(parameter))
 
 
 class VariedNumbers:

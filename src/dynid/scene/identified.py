@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from functools import reduce
+from operator import getitem
 from typing import Any
 
 import yaml
@@ -91,7 +93,7 @@ def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any
     for name, estimate, error in zip(*parts, strict=True):
         path = _place_of_unknown(source.data, str(name))
         value: Any = float(estimate)
-        written = _at(source.data, path)
+        written: Any = reduce(getitem, path, source.data)
         if isinstance(written, dict) and "matrix" in written:
             value = {"value": value, "matrix": written["matrix"]}
         yield path, (value, f"{name} {float(error):.3g}")
@@ -179,12 +181,6 @@ def _distinct(values: Any) -> list[Any]:
         if value not in distinct:
             distinct.append(value)
     return distinct
-
-
-def _at(data: Any, path: Path) -> Any:
-    for key in path:
-        data = data[key]
-    return data
 
 
 def _changed_at(data: Any, path: Path, value: Any) -> Any:

@@ -201,8 +201,14 @@ def check_source(source: Source) -> Scene:
                 raise
     if scene is None or faults:
         raise SceneError(faults)
-    complete = _completed(scene)
-    return scene if complete is scene.source else check_source(complete)
+    complete = KINDS[scene.kind].load("complete")
+    try:
+        completed = complete(scene) if complete else source
+    except FileError as error:
+        raise FileError(str(scene.locate(error))) from None
+    except UsageError as error:
+        raise SceneError([scene.locate(error)]) from None
+    return check_source(completed) if complete and completed is not scene.source else scene
 
 
 def validated(source: Source) -> Scene:
@@ -241,16 +247,6 @@ def _validated(source: Source) -> tuple[Scene | None, list[Fault]]:
             return None, faults
         return Scene(source, valid, names) if complete else None, faults
     return None if faults else Scene(source, valid, names), faults
-
-
-def _completed(scene: Scene) -> Source:
-    complete = KINDS[scene.kind].load("complete")
-    try:
-        return complete(scene) if complete else scene.source
-    except FileError as error:
-        raise FileError(str(scene.locate(error))) from None
-    except UsageError as error:
-        raise SceneError([scene.locate(error)]) from None
 
 
 def _model_of(source: Source) -> type[SceneModel]:

@@ -148,10 +148,11 @@ def impossible_paths(scene: Scene, study: Scene[StudyScene] | None = None) -> It
             yield holder.source.fault(place, problem)
     for number, expectation in enumerate(scene.model.expect):
         parts = _parts(expectation.path)
+        array = "/".join((*(pattern_of(parts[:-1]) or ()), parts[-1]))
         for dim, label in (expectation.at or {}).items():
             if problem := problem_of_label(scene, parts, dim, label, certain=certain):
                 yield scene.source.fault(("expect", number, "at", dim), problem)
-        if scene.kind == "bond-graph" and expectation.part is None and _is_complex(parts):
+        if scene.kind == "bond-graph" and expectation.part is None and array in _COMPLEX:
             for key in ("min", "max"):
                 if getattr(expectation, key) is not None:
                     message = f"'{key}' needs real numbers, and '{parts[-1]}' are complex; add part: real, "
@@ -160,10 +161,6 @@ def impossible_paths(scene: Scene, study: Scene[StudyScene] | None = None) -> It
 
 def _parts(path: str) -> Parts:
     return tuple(path.strip("/").split("/"))
-
-
-def _is_complex(parts: Parts) -> bool:
-    return "/".join((*(pattern_of(parts[:-1]) or ()), parts[-1])) in _COMPLEX
 
 
 def _problem(scene: Scene, parts: Parts, *, certain: bool, groups: bool) -> str:

@@ -285,6 +285,8 @@ def _chosen(
 
 def _record(record: RecordModel, test: _Test) -> tuple[dict[str, Any], dict[str, Any], list[dict[str, Any]]]:
     """Return the keys of a record, those of its file, and the forces that drive it."""
+    from dynid.files.universal_file import mean_step
+
     assert record.file is not None
     functions = _chosen(test, (0, 1), record.file.columns, "time history")
     _check_known(test, functions)
@@ -306,20 +308,15 @@ def _record(record: RecordModel, test: _Test) -> tuple[dict[str, Any], dict[str,
     listed: dict[str, Any] = {"channels": channels}
     at, first = sensors[0]
     if record.step is None:
-        listed["step"] = first.step if first.even else _stored_step(test, at)
+        listed["step"] = first.step
+    if record.step is None and not first.even:  # its times are stored one by one
+        histories = [function for function in test.source.functions() if function.kind in (0, 1)]
+        listed["step"] = mean_step(histories[at - 1].x)
+        if not 0 < listed["step"] < math.inf:
+            test.source.file.refuse("has times that do not increase", "Give the 'step' that they have.")
     if record.samples is None:
         listed["samples"] = first.points
     return listed, {"columns": [number for number, _ in sensors]}, excitation
-
-
-def _stored_step(test: _Test, number: int) -> float:
-    from dynid.files.universal_file import mean_step
-
-    histories = [function for function in test.source.functions() if function.kind in (0, 1)]
-    step = mean_step(histories[number - 1].x)
-    if not 0 < step < math.inf:
-        test.source.file.refuse("has times that do not increase", "Give the 'step' that they have.")
-    return step
 
 
 def _check_known(test: _Test, functions: Sequence[tuple[int, UniversalFunction]]) -> None:

@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 from dynid.arithmetic.dependent import Dependent, Real, substituted
-from dynid.arithmetic.expression import parse
+from dynid.arithmetic.expression import Expression, parse
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import Number
 from dynid.bondgraph.controller_circuits import Loop
@@ -283,27 +283,22 @@ def _laws_of(scene: Scene, graph: GraphModel) -> dict[str, Law]:
     laws: dict[str, Law] = {}
     names = scene.names
     for name, node in graph.nodes.items():
-        if law := _law_of(node):
-            gives, text = law
-            expression = parse(text)
-            variable = law_variable(node.type, gives)
-            variables = {variable: Port(name, variable)} if variable in expression.names else {}  # type: ignore[arg-type]
-            others = variables_of(expression, names.nodes)
-            variables |= {key: port for key, port in others.items() if key != variable}
-            fixed = expression.names - variables.keys() - {"pi"}
-            constants = {key: names.parameters[key] for key in fixed}
-            laws[name] = Law(gives, expression, constants, variables)
+        gives: Literal["e", "f", "value"]
+        if node.law is not None:
+            gives = "f" if node.law.e is None else "e"
+            expression = parse(getattr(node.law, gives))
+        elif node.value is not None and node.value.variable:
+            gives, expression = "value", cast("Expression", node.value.expression)
+        else:
+            continue
+        variable = law_variable(node.type, gives)
+        variables = {variable: Port(name, variable)} if variable in expression.names else {}  # type: ignore[arg-type]
+        others = variables_of(expression, names.nodes)
+        variables |= {key: port for key, port in others.items() if key != variable}
+        fixed = expression.names - variables.keys() - {"pi"}
+        constants = {key: names.parameters[key] for key in fixed}
+        laws[name] = Law(gives, expression, constants, variables)
     return laws
-
-
-def _law_of(node: NodeModel) -> tuple[Literal["e", "f", "value"], str] | None:
-    """Return what the law of a node gives, and its text; None of a node that has a value."""
-    if node.law is not None:
-        return ("e", node.law.e) if node.law.e is not None else ("f", cast("str", node.law.f))
-    if node.value is not None and node.value.variable:
-        assert node.value.expression is not None
-        return "value", node.value.expression.text
-    return None
 
 
 def _linear_graph(

@@ -87,16 +87,16 @@ class _VaryingMatrix(NamedTuple):
         """Return the matrices of samples (s x n x n), and which of them have all their digits."""
         total = np.broadcast_to(self.constant, (count, *self.constant.shape)).copy()
         exact = np.ones(count, dtype=bool)
+
+        def leaf(item: Real) -> Any:
+            return values[item.operands[0]] if isinstance(item, Dependent) else float(item)
+
         for coefficient, pattern in self.terms:
-            factor = np.broadcast_to(coefficient.fold(_leaf(values), _operated), (count,))
+            factor = np.broadcast_to(coefficient.fold(leaf, _operated), (count,))
             total += factor[:, None, None] * pattern
             large = np.abs(factor) > _MIN_CONSTANT * abs(float(coefficient))
             exact &= np.isfinite(factor) & (not self.weak or large)
         return total, exact
-
-
-def _leaf(values: Mapping[str, Array]) -> Callable[[Real], Any]:
-    return lambda item: values[item.operands[0]] if isinstance(item, Dependent) else float(item)
 
 
 _OPERATIONS: dict[str, Callable[..., Any]] = {

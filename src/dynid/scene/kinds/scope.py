@@ -123,10 +123,6 @@ def _of_reduction(of: str, method: str, size: int, n: int, modes: int, rule: str
 _SHAPES = "identification/modes"
 
 
-def _dof_of(name: str) -> int | str:
-    return int(name) if name.isdecimal() else name
-
-
 def add_geometry(
     result: Result,
     model: IdentificationScene | ReductionScene,
@@ -162,5 +158,6 @@ def add_geometry(
     result.merge(geometry(structure, named, acting, supports=not imported))
     if f"{_SHAPES}/sensor" in result:
         names = [str(name) for name in result[f"{_SHAPES}/sensor"].data]
-        add_places(result, structure, "shape_sensor", ((name, _dof_of(name)) for name in names))
+        dofs = [int(name) if name.isdecimal() else name for name in names]
+        add_places(result, structure, "shape_sensor", zip(names, dofs, strict=True))
     add_motion(result, structure if reduced is None else reduced)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -196,7 +197,7 @@ def recorded_factor(
     Without a `heading` the record is simulated; `path` is the dotted path of the sensor, for errors. Raises
     `UsageError` where the unit does not fit what is measured, or scene and heading contradict each other.
     """
-    from dynid.units import si_factor
+    from dynid.units import readings, si_factor
 
     expected, stated = _units_of(measured), "" if heading is None else heading.unit
     if not (sensor.unit or stated or sensor.sensitivity or (heading and heading.doubt)):
@@ -213,7 +214,9 @@ def recorded_factor(
     try:
         over = sensitivity.unit if sensitivity else ""
         factor = si_factor(unit, expected, over=over, what=_named(measured))
-        if heading is not None and sensor.unit and stated and not _same(sensor.unit, stated):
+        units = [*product(readings(sensor.unit), readings(stated))] if sensor.unit and stated else []
+        same = (a.dimension == b.dimension and abs(a.factor / b.factor - 1) < 1e-9 for a, b in units)
+        if heading is not None and units and not any(same):
             raise UsageError(
                 f"'unit' is {sensor.unit}, but the file has '{heading.name}' in {stated}",
                 remedy="Leave 'unit' out, or correct the heading.",
@@ -251,13 +254,6 @@ def _amplitude_factor(unit: str, measured: Any, path: str, *, impulse: bool) -> 
     except UsageError as error:
         names = (f"{path}.amplitude_unit", path)
         raise UsageError(error.problem, remedy=error.remedy, names=names) from error
-
-
-def _same(first: str, second: str) -> bool:
-    from dynid.units import readings
-
-    pairs = ((a, b) for a in readings(first) for b in readings(second))
-    return any(a.dimension == b.dimension and abs(a.factor / b.factor - 1) < 1e-9 for a, b in pairs)
 
 
 def _named(measured: Any) -> str:

@@ -95,7 +95,7 @@ class ControlModel(Section):
     @model_validator(mode="after")
     def _fits(self, info: ValidationInfo) -> Self:
         names = names_of(info)
-        raise_faults([*self._name_faults(names.nodes), *self._delay_faults(linear=names.linear)])
+        raise_faults(self._faults(names.nodes, linear=names.linear))
         return self
 
     @property
@@ -125,7 +125,8 @@ class ControlModel(Section):
                 message = f"'{name}' is driven by a loop; the input is its reference or setpoint ({signals})"
                 yield ("analysis", "inputs", index), message
 
-    def _name_faults(self, nodes: Mapping[str, str]) -> Iterator[Located]:
+    def _faults(self, nodes: Mapping[str, str], *, linear: bool) -> Iterator[Located]:
+        """Yield references and setpoints with the name of something else, and delays that cannot be."""
         seen = dict[str, str]()
         for (index, loop), key in product(enumerate(self.loops), ("reference", "setpoint")):
             if name := getattr(loop, key):
@@ -133,9 +134,6 @@ class ControlModel(Section):
                     what = "a node" if name in nodes else f"the {seen[name]} of another loop"
                     yield ("loops", index, key), f"'{name}' is {what}; use another name"
                 seen.setdefault(name, key)
-
-    def _delay_faults(self, *, linear: bool) -> Iterator[Located]:
-        """Yield the fault of delays that are not identified, or too many."""
         if linear and self.delays:
             yield (*self.delays[0][1:], AT_KEY), f"a loop with a delay is not identified; {DELAY_REMEDY}"
         elif len(self.delays) > _MAX_DELAYS:

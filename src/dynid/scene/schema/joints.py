@@ -120,13 +120,9 @@ def by_direction(raw: Any) -> bool:
     return isinstance(raw, dict) and not raw.keys().isdisjoint(get_args(Direction))
 
 
-def _extent(raw: Any) -> str:
-    return "components" if by_direction(raw) else "whole"
-
-
 _JointValues = Annotated[
     Annotated[_JointValue, Tag("whole")] | Annotated[dict[Direction, _JointValue], Tag("components")],
-    Discriminator(_extent),
+    Discriminator(lambda raw: "components" if by_direction(raw) else "whole"),
 ]
 """One value, or of a joint between points values by direction."""
 

@@ -154,6 +154,9 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
     for (name, *keys), text in located.items():
         path = ("parameters", written_key(parameters, name), *keys)
         faults.append(source.fault(path, value_with_unit(source, path) or text))
+    # Parameters under a wrong key are reported as such.
+    others = (str(key) for key, value in source.data.items() if isinstance(value, dict))
+    misnamed = "parameters" not in source.data and any(did_you_mean(key, ["parameters"]) for key in others)
     names = SceneNames(
         values,
         dependent,
@@ -165,7 +168,7 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
         faulty=frozenset(raw.keys() - values.keys()),
         nodes=_node_types(source.data),
         references=references(source.data),
-        complete=isinstance(source.data.get("parameters", {}), dict) and not _misnamed(source.data),
+        complete=isinstance(source.data.get("parameters", {}), dict) and not misnamed,
     )
     return names, faults
 
@@ -192,12 +195,6 @@ def value_with_unit(source: Source, path: Iterable[Any]) -> str:
         in_si = si_unit(unit, meaning)
         write = f"write {number * meaning.factor:.12g}{f' ({in_si})' if in_si else ''}"
     return f"{value!r}: a value is a number in SI units, without its unit; {write}"
-
-
-def _misnamed(data: Mapping[Any, Any]) -> bool:
-    """Return True if a scene has its parameters under a wrong key, which is reported as such."""
-    others = (str(key) for key, value in data.items() if isinstance(value, dict))
-    return "parameters" not in data and any(did_you_mean(key, ["parameters"]) for key in others)
 
 
 def _dependent(

@@ -220,11 +220,12 @@ Signal = Annotated[
 ]
 
 
-def _as_list(raw: Any) -> Any:
-    return [raw] if isinstance(raw, dict) else raw
-
-
-Signals = Annotated[list[Signal], BeforeValidator(_as_list, json_schema_input_type=Signal | list[Signal])]
+Signals = Annotated[
+    list[Signal],
+    BeforeValidator(
+        lambda raw: [raw] if isinstance(raw, dict) else raw, json_schema_input_type=Signal | list[Signal]
+    ),
+]
 
 
 class TimeGrid(Section):

@@ -375,26 +375,25 @@ class StateSpaceModel(Section):
     C: str | None = None
 
 
-def _parts(raw: Any) -> Any:
-    return [path_alone(file) for file in raw] if isinstance(raw, list) else [path_alone(raw)]
-
-
-def _file_or_law(raw: Any) -> str:
-    file = isinstance(raw, str | list) or (isinstance(raw, dict) and "path" in raw)
-    return "file" if file else "law"
-
-
 Parts = Annotated[
     list[Annotated[FileModel, FILE]],
     Field(min_length=1, max_length=1000),
-    BeforeValidator(_parts, json_schema_input_type=FileModel | str | list[FileModel | str]),
+    BeforeValidator(
+        lambda raw: list(map(path_alone, raw if isinstance(raw, list) else [raw])),
+        json_schema_input_type=FileModel | str | list[FileModel | str],
+    ),
     FILE,
 ]
 _StateSpaceFile = Annotated[
     StateSpaceModel, BeforeValidator(path_alone, json_schema_input_type=StateSpaceModel | str), FILE
 ]
 _DampingMatrix = Annotated[
-    Annotated[Parts, Tag("file")] | Annotated[DampingModel, Tag("law")], Discriminator(_file_or_law)
+    Annotated[Parts, Tag("file")] | Annotated[DampingModel, Tag("law")],
+    Discriminator(
+        lambda raw: (
+            "file" if isinstance(raw, str | list) or (isinstance(raw, dict) and "path" in raw) else "law"
+        )
+    ),
 ]
 
 
@@ -440,7 +439,15 @@ class StructureModel(Section):
         kinds = list(StructureModel.model_fields)
         if sum(getattr(self, kind) is not None for kind in kinds) != 1:
             raise fault(f"a structure is one of {', '.join(kinds)}")
-        raise_faults([*node_faults(self, self.nodes), *self._faults()])
+        faults: list[Located] = list(node_faults(self, self.nodes))
+        if self.frame is not None:
+            faults += ((("frame", *path), message) for path, message in self.frame.member_faults())
+        model = self.beam or self.frame
+        if model is not None and not model.labels():
+            faults.append(
+                (("beam" if self.beam else "frame", "supports"), "the supports leave nothing to move")
+            )
+        raise_faults(faults)
         return self
 
     def labels(self) -> list[int | str] | None:
@@ -458,11 +465,3 @@ class StructureModel(Section):
         """The number of nodes of a beam or frame that may be named; 0 of other structures."""
         frame = self.frame or self.space_frame
         return self.beam.elements + 1 if self.beam else len(frame.nodes) if frame else 0
-
-    def _faults(self) -> Iterator[Located]:
-        """Yield the faults of members and supports, each with its place in the structure."""
-        if self.frame is not None:
-            yield from ((("frame", *path), message) for path, message in self.frame.member_faults())
-        model = self.beam or self.frame
-        if model is not None and not model.labels():
-            yield ("beam" if self.beam else "frame", "supports"), "the supports leave nothing to move"
