@@ -79,48 +79,28 @@ _MAX_RANKING_WORK = 100_000_000
 
 
 class _FlatDirection(NamedTuple):
-    """A direction in which the misfit rises by less than half of what the information predicts.
+    """A direction in which the misfit rises by less than half of what the information predicts."""
 
-    Attributes
-    ----------
-    away
-        Four standard errors along it (p), in coordinates.
-    rise, predicted
-        Rise of the misfit there, and that of the information.
-    intervals
-        Ends of the 95 % intervals by profile likelihood (2 x p), in coordinates.
-    """
-
-    away: Array
+    away: Array  # four standard errors along it (p), in coordinates
+    # `rise`, `predicted`: rise of the misfit there, and that of the information
     rise: float
     predicted: float
-    intervals: Array | None = None
+    intervals: Array | None = None  # ends of the 95 % intervals by profile likelihood (2 x p), in coordinates
 
 
 @dataclass(frozen=True, eq=False)
 class EquivalentOptima:
-    """Optima with equal likelihood.
+    """Optima with equal likelihood."""
 
-    Attributes
-    ----------
-    eta
-        Their coordinates (optima x p); the first is the estimate.
-    log_likelihood, log_posterior
-        Logarithms less those at the estimate (optima), of the records alone and with priors and limits; minus
-        infinity where there is no optimum of the posterior.
-    permutations
-        The symmetries of the model that relate them.
-    sensors
-        Further sensors, by name: each entry is one, or a set, at which all undecided ones differ.
-    flat
-        The direction that contradicts the error bars most; None where none does.
-    """
-
-    eta: Array
+    eta: Array  # their coordinates (optima x p); the first is the estimate
+    # `log_likelihood`, `log_posterior`: logarithms less those at the estimate (optima), of the records alone
+    # and with priors and limits; minus infinity where there is no optimum of the posterior
     log_likelihood: Array
     log_posterior: Array
-    permutations: Sequence[Permutation] = ()
+    permutations: Sequence[Permutation] = ()  # the symmetries of the model that relate them
+    # Further sensors, by name: each entry is one, or a set, at which all undecided ones differ.
     sensors: Sequence[tuple[str, ...]] = ()
+    # The direction that contradicts the error bars most; None where none does.
     flat: _FlatDirection | None = None
 
     def __len__(self) -> int:
@@ -161,38 +141,21 @@ class Optimum(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OptimaSearch:
-    """A search for optima that are equivalent to an estimate.
+    """A search for optima that are equivalent to an estimate."""
 
-    Parameters
-    ----------
-    likelihood
-        The likelihood that the estimate maximises.
-    kinds
-        What each parameter is; see `symmetry.like_parameters`.
-    likelihood_at
-        Returns the likelihood with the model for other coordinates (p), where a reduced basis follows the
-        parameters; None where it stays.
-    ends
-        Coordinates at which other searches ended.
-    searched
-        Most starts from which an optimum is searched for; 0: images by symmetries alone are found.
-    """
-
-    likelihood: Likelihood
-    kinds: Sequence[str]
+    likelihood: Likelihood  # the likelihood that the estimate maximises
+    kinds: Sequence[str]  # what each parameter is; see `symmetry.like_parameters`
+    # Returns the likelihood with the model for other coordinates (p), where a reduced basis follows the
+    # parameters; None where it stays.
     likelihood_at: Callable[[Array], Likelihood] | None = None
-    ends: Sequence[Array] = ()
+    ends: Sequence[Array] = ()  # coordinates at which other searches ended
+    # Most starts from which an optimum is searched for; 0: images by symmetries alone are found.
     searched: int = _SEARCHED
 
     def run(self, fit: Fit, deviations: Array) -> tuple[EquivalentOptima, Optimum | None]:
         """Return the equivalent optima of a fit, and the one of a greater posterior if there is any.
 
-        Parameters
-        ----------
-        fit
-            The fit at the estimate.
-        deviations
-            Standard deviations of its coordinates (p).
+        `fit`: the fit at the estimate; `deviations`: standard deviations of its coordinates (p).
         """
         best = Optimum(self.likelihood, fit)
         for _ in range(_ROUNDS):
@@ -253,10 +216,8 @@ class OptimaSearch:
     def _beside_saddle(
         self, best: Optimum, permutations: Sequence[Permutation], deviations: Array
     ) -> Optimum | None:
-        """Return an optimum beside a saddle at which interchangeable parameters are equal; else None.
-
-        Their derivatives are the same there, so that a search does not see a way from it.
-        """
+        """Return an optimum beside a saddle at which interchangeable parameters are equal; else None."""
+        # Their derivatives are the same there, so that a search does not see a way from it.
         eta, priors = best.fit.eta, self.likelihood.priors
         for permutation in permutations:
             for k, m in enumerate(permutation):
@@ -326,10 +287,8 @@ class OptimaSearch:
     def _near(
         self, best: Optimum, points: Sequence[Array], deviations: Array, afar: list[tuple[float, int, Array]]
     ) -> Iterator[Optimum]:
-        """Yield optima to which searches from exchanged values, and from starts `afar`, lead.
-
-        As far as their posterior is no less than that of the best.
-        """
+        """Yield optima to which searches from exchanged values, and from starts `afar`, lead."""
+        # As far as their posterior is no less than that of the best.
         likelihood = self.likelihood
         if not self._cheap:
             return
@@ -356,13 +315,10 @@ class OptimaSearch:
     def _beyond(
         self, best: Optimum, *, symmetric: bool
     ) -> tuple[_FlatDirection | None, list[tuple[float, int, Array]]]:
-        """Return the direction in which error bars are contradicted most, and starts far beyond them.
-
-        Those where the misfit is less than the information predicts, with theirs.
-
-        With N values and the noise estimated, at t deviations it predicts N / 2 log(1 + t^2 / N). Of
-        `symmetric` models the least known directions are followed where they are steep at first.
-        """
+        """Return the direction in which error bars are contradicted most, and starts far beyond them."""
+        # Those where the misfit is less than the information predicts, with theirs. With N values and the
+        # noise estimated, at t deviations it predicts N / 2 log(1 + t^2 / N). Of `symmetric` models the
+        # least known directions are followed where they are steep at first.
         if not self._cheap:
             return None, []
         likelihood, eta, units = self.likelihood, best.fit.eta, self.likelihood.priors.units

@@ -27,21 +27,13 @@ _EXPONENTIAL_EXPONENT, _UNIFORM_EXPONENT = 1e-6, 1e-9
 
 @dataclass(frozen=True, eq=False)
 class LimitedPosterior:
-    """Standard deviations, intervals and samples of coordinates within limits.
+    """Standard deviations, intervals and samples of coordinates within limits."""
 
-    Attributes
-    ----------
-    deviations
-        Standard deviations (p).
-    low, high
-        Ends of the 95 % intervals (p).
-    samples
-        Samples (samples x p); None where no limit matters, and the posterior is Gaussian.
-    """
-
-    deviations: Array
+    deviations: Array  # standard deviations (p)
+    # `low`, `high`: ends of the 95 % intervals (p)
     low: Array
     high: Array
+    # Samples (samples x p); None where no limit matters, and the posterior is Gaussian.
     samples: Array | None = None
 
     @classmethod
@@ -50,16 +42,9 @@ class LimitedPosterior:
     ) -> LimitedPosterior:
         """Return the posterior of coordinates about an estimate.
 
-        Parameters
-        ----------
-        eta
-            The estimate (p).
-        deviations
-            Standard deviations without limits (p).
-        rows, residual
-            Derivatives (values x p) and residuals (values) over their deviations.
-        limits
-            Least and largest coordinates (p), infinite where there are none.
+        `eta`: the estimate (p); `deviations`: standard deviations without limits (p). `rows`, `residual`:
+        derivatives (values x p) and residuals (values) over their deviations; `limits`: least and largest
+        coordinates (p), infinite where there are none.
         """
         low, high = limits
         free = low < high

@@ -94,41 +94,21 @@ def channels_of_records(records: Sequence[RecordLikelihood]) -> list[ChannelOfRe
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The posterior of the parameters, and tests of the model at the estimate.
+    """The posterior of the parameters, and tests of the model at the estimate."""
 
-    Attributes
-    ----------
-    likelihood
-        The likelihood of all records, which `estimate` maximises.
-    method
-        Name of the estimator.
-    estimate
-        The estimate.
-    model_error
-        Error that the reduction of the model causes, if it is reduced.
-    mistakes
-        Mistakes of instruments that explain the lack of fit, in words.
-    growing
-        Residuals that grow with the response, where these are not explained by mistakes.
-    rejection
-        Error that rejects the fit; None where it is accepted.
-    optima
-        Optima that explain the records as well; None where they were not sought.
-    undetermined
-        Parameters that the records do not determine: fixed at the values that the likelihood has.
-    starts
-        Start of each parameter (p) as the scene has it; empty: those of the likelihood.
-    """
-
-    likelihood: Likelihood
-    method: str
-    estimate: Estimate
-    model_error: ModelError | None = None
-    mistakes: tuple[str, ...] = ()
+    likelihood: Likelihood  # the likelihood of all records, which `estimate` maximises
+    method: str  # name of the estimator
+    estimate: Estimate  # the estimate
+    model_error: ModelError | None = None  # error that the reduction of the model causes, if it is reduced
+    mistakes: tuple[str, ...] = ()  # mistakes of instruments that explain the lack of fit, in words
+    # Residuals that grow with the response, where these are not explained by mistakes.
     growing: GrowingResiduals | None = None
-    rejection: DynidError | None = None
+    rejection: DynidError | None = None  # error that rejects the fit; None where it is accepted
+    # Optima that explain the records as well; None where they were not sought.
     optima: EquivalentOptima | None = None
+    # Parameters that the records do not determine: fixed at the values that the likelihood has.
     undetermined: tuple[str, ...] = ()
+    # Start of each parameter (p) as the scene has it; empty: those of the likelihood.
     starts: tuple[float, ...] = ()
 
     @property
@@ -220,10 +200,8 @@ class Posterior:
         )
 
     def _within_limits(self, parameters: Array, free: NDArray[np.bool_] | None = None) -> Array:
-        """Return values of the parameters (p) without the round-off of their coordinates at limits.
-
-        Those that are `free` (p) stay.
-        """
+        """Return values of the parameters (p) without the round-off of their coordinates at limits."""
+        # Those that are `free` (p) stay.
         unknowns = self.likelihood.unknowns
         low = [-np.inf if unknown.low is None else unknown.low for unknown in unknowns]
         high = [np.inf if unknown.high is None else unknown.high for unknown in unknowns]
@@ -445,12 +423,8 @@ class Posterior:
         half of its signal only where it is white noise. Records without any response are not refused: the
         verdict states that.
 
-        Raises
-        ------
-        Diverged
-            Naming the parameters; or those without effect at the end of a search that found no optimum.
-        NotIdentifiable
-            Naming those whose order of magnitude the records do not determine.
+        Raises Diverged, naming the parameters; or those without effect at the end of a search that found no
+        optimum. Raises NotIdentifiable, naming those whose order of magnitude the records do not determine.
         """
         unexplained, unknown = self._unexplained(), self.unknown
         # Of a record that is noise alone there is no estimate to refuse; the verdict states that.
@@ -502,10 +476,8 @@ class Posterior:
         return indistinguishable
 
     def _accepted(self, k: int, coordinate: float, ratio: float = HALF_CHI_SQUARED) -> bool:
-        """Return True if a coordinate of a parameter raises the misfit by no more than `ratio`.
-
-        By default that of its 95 % interval by likelihood ratio.
-        """
+        """Return True if a coordinate of a parameter raises the misfit by no more than `ratio`."""
+        # By default that of its 95 % interval by likelihood ratio.
         return Profile(self.likelihood, self.fit, k).at(coordinate).rise <= ratio
 
     def _unexplained(self) -> str:

@@ -47,21 +47,11 @@ class ProfilePoint(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The misfit as a function of one parameter, the others at their optimum.
+    """The misfit as a function of one parameter, the others at their optimum."""
 
-    Attributes
-    ----------
-    likelihood
-        The likelihood of the records.
-    fit
-        A fit at its maximum.
-    k
-        Index of the parameter.
-    """
-
-    likelihood: Likelihood
-    fit: Fit
-    k: int
+    likelihood: Likelihood  # the likelihood of the records
+    fit: Fit  # a fit at its maximum
+    k: int  # index of the parameter
 
     def at(self, coordinate: float, beside: Array | None = None) -> ProfilePoint:
         """Return the point at a coordinate of the parameter; of infinite rise where there is no model.
@@ -108,12 +98,8 @@ def profile_intervals(likelihood: Likelihood, fit: Fit, deviations: Array) -> Pr
 
     An end is infinite where the records do not limit the parameter within a factor of a thousand.
 
-    Parameters
-    ----------
-    likelihood, fit
-        The likelihood of the records and a fit at its maximum.
-    deviations
-        Standard errors of the coordinates (p).
+    `likelihood`, `fit`: the likelihood of the records and a fit at its maximum; `deviations`: standard
+    errors of the coordinates (p).
     """
     low, high, best = fit.eta.copy(), fit.eta.copy(), ProfilePoint(fit.eta, 0.0)
     for k in np.flatnonzero(~likelihood.priors.fixed).tolist():

@@ -307,16 +307,9 @@ def deciding_text(
 ) -> str:
     """Return which sensor, prior or limit would decide between optima.
 
-    Parameters
-    ----------
-    unknowns
-        The parameters (p).
-    eta
-        Coordinates of the optima (optima x p).
-    sensors
-        Sensors, or sets of them, at which they differ.
-    guessed
-        True where the coordinates are guesses, from which no numbers follow.
+    `unknowns`: the parameters (p); `eta`: coordinates of the optima (optima x p). `sensors`: sensors, or
+    sets of them, at which they differ; `guessed`: True where the coordinates are guesses, from which no
+    numbers follow.
     """
     parts = []
     if sensors:

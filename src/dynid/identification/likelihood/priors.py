@@ -46,26 +46,16 @@ class InitialState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Priors:
-    """Limits and priors of the coordinates of the parameters.
+    """Limits and priors of the coordinates of the parameters."""
 
-    Attributes
-    ----------
-    low, high
-        Limits (p), infinite where there are none.
-    means, deviations
-        Means and standard deviations of the priors (p), NaN where there are none.
-    units
-        Steps of the coordinates that count as one (p): 1 of logarithms.
-    pull
-        Deviation of the pull to the middle of two limits over their distance.
-    """
-
+    # `low`, `high`: limits (p), infinite where there are none
     low: Array
     high: Array
+    # `means`, `deviations`: means and standard deviations of the priors (p), NaN where there are none
     means: Array
     deviations: Array
-    units: Array
-    pull: float = PULL
+    units: Array  # steps of the coordinates that count as one (p): 1 of logarithms
+    pull: float = PULL  # deviation of the pull to the middle of two limits over their distance
 
     @classmethod
     def of(cls, unknowns: Sequence[Parameter], pull: float = PULL) -> Priors:
@@ -144,10 +134,7 @@ class Priors:
     def constrained(self, eta: Array, root: Array) -> Array:
         """Return the likeliest coordinates within the limits (p) of a Gaussian of this mean.
 
-        Parameters
-        ----------
-        eta, root
-            Its mean (p), and a root of its covariance (p x p).
+        `eta`, `root`: its mean (p), and a root of its covariance (p x p).
         """
         inside = self.clipped(eta)
         if np.array_equal(inside, eta):
@@ -209,10 +196,7 @@ class Priors:
         It is the normalised residual of a pseudo-observation: its residual at the estimate over the deviation
         of that residual. 0 where the information of the records is less than a millionth of the prior's.
 
-        Parameters
-        ----------
-        eta, deviations
-            The estimate, and its deviations with the priors (p).
+        `eta`, `deviations`: the estimate, and its deviations with the priors (p).
         """
         free = 1 - (deviations / self.deviations) ** 2
         compared = self.has_prior & (free > _INFORMATIVE)
