@@ -17,11 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
-from dynid.lti.floating import guarded
 
 #: Half the 95 % quantile of chi-squared with one degree of freedom.
 HALF_CHI_SQUARED = 1.92
