@@ -18,6 +18,7 @@ from dynid.errors import FileError
 from dynid.files import matlab, untrusted
 from dynid.files.read_matrix import MatrixFile, read_matrix
 from dynid.files.read_measured import read_columns
+from dynid.files.table import DataFile
 from dynid.hdf5 import open_hdf5
 from dynid.result import Result
 from dynid.store import read_result, write_result
@@ -350,12 +351,12 @@ def test_what_else_is_in_a_matlab_file_is_passed_over(tmp_path):
     handles = np.empty((1, 2), dtype=object)
     handles[0, :] = ["text", K]
     savemat(tmp_path / "m.mat", {"model": {"K": K, "cells": cells}, "mixed": handles, "c": "text"})
-    assert [*matlab.shapes(tmp_path / "m.mat")] == ["model/K"]
+    assert [*matlab.MATRICES.shapes(tmp_path / "m.mat")] == ["model/K"]
     assert matlab.names(tmp_path / "m.mat") == ["mixed"]
     with pytest.raises(FileError, match=r"'mixed\{1\}' is no matrix of real numbers"):
-        matlab.arrays(tmp_path / "m.mat", "mixed")
+        read_columns(tmp_path / "m.mat", ["mixed"])
     with pytest.raises(FileError, match="'mixed' is no full matrix of numbers"):
-        matlab.complex_matrix(tmp_path / "m.mat", "mixed")
+        matlab.complex_columns(DataFile(tmp_path / "m.mat"), ["mixed"], "columns")
 
 
 def test_records_are_not_read_from_version_7_3(tmp_path):

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import DynidError
-from dynid.files.read_matrix import MatrixFile, load_matrix, read_matrix, shapes_in
+from dynid.files.read_matrix import MatrixFile, container_of, read_matrix
 from dynid.files.read_structure import imported, model_files, read_nodes
 from dynid.structure.matrices import as_array
 from dynid.structure.modes.modes import modes
@@ -208,15 +208,15 @@ def output4(folder, oracle):
     for name, expected in oracle.items():
 
         def check(path=folder / name, expected=expected):
-            shapes = {found.upper(): found for found in shapes_in(path)}
+            shapes = {found.upper(): found for found in container_of(path).shapes(path)}
             right = refused = 0
             for matrix, (shape, kind, values) in expected.items():
                 if kind.startswith("complex"):
                     with pytest.raises(DynidError, match="complex"):
-                        load_matrix(path, shapes[matrix])
+                        container_of(path).matrix(path, shapes[matrix])
                     refused += 1
                     continue
-                found = as_array(load_matrix(path, shapes[matrix]).matrix)
+                found = as_array(container_of(path).matrix(path, shapes[matrix]).matrix)
                 assert list(found.shape) == shape
                 if found.size < 1e4:
                     np.testing.assert_allclose(found, values, rtol=1e-6)

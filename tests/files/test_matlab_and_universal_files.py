@@ -8,7 +8,7 @@ import pytest
 from scipy.io import savemat
 
 from dynid.errors import FileError
-from dynid.files.matlab import load, shapes
+from dynid.files.matlab import MATRICES
 from dynid.files.table import TableLayout
 from tests.copies import answers
 from tests.files.reading import read_columns, read_signal
@@ -63,8 +63,8 @@ def test_a_row_of_cells_is_a_table(mat, row):
 
 
 def test_other_readers_see_no_cells(mat):
-    assert "runs" not in shapes(mat)
-    assert load(mat, "table").shape == (50, 3)
+    assert "runs" not in MATRICES.shapes(mat)
+    assert MATRICES.load(mat, "table").shape == (50, 3)
 
 
 @pytest.mark.parametrize(

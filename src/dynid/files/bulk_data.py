@@ -306,36 +306,34 @@ def integer(field: str) -> int:
     return int(field) if field else 0
 
 
-def shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the DMIG matrices of a file, by name."""
-    with read_errors(path, WHAT):
-        matrices = _dmig(read_cards(path, {"DMIG"}))
-        return {name: matrix.matrix.shape for name, matrix in matrices.items()}
-
-
-def load(path: Path, name: str) -> ImportedMatrix:
-    """Return one DMIG matrix of a file, with the labels of its DOFs."""
-    with read_errors(path, WHAT):
-        return _dmig(read_cards(path, {"DMIG"}))[name]
-
-
-def others(path: Path) -> dict[str, str]:
-    """Return what the other DMIG matrices of a file are, by name."""
+def _members(path: Path) -> dict[str, tuple[int, ...] | str]:
+    """Return the shapes of the square real DMIG matrices of a file, and what others are, by name."""
+    members: dict[str, tuple[int, ...] | str] = {}
     with read_errors(path, WHAT):
         heads, entries = _columns(read_cards(path, {"DMIG"}))
-        contents = {}
-        for name, rows in entries.items():
+        for name in {**entries, **heads}:
             form, kind = _form(heads.get(name))
-            if kind in _COMPLEX:
-                contents[name] = COMPLEX
+            if name not in entries:
+                members[name] = "no entry"
+            elif kind in _COMPLEX:
+                members[name] = COMPLEX
             elif form not in _SQUARE:
-                contents[name] = f"a matrix of form {form}, not square (1) or symmetric (6)"
-            elif not rows:
-                contents[name] = "no entry"
-        return contents | {name: "no entry" for name in heads if name not in entries}
+                members[name] = f"a matrix of form {form}, not square (1) or symmetric (6)"
+            elif not entries[name]:
+                members[name] = "no entry"
+            elif kind in _REAL:
+                members[name] = _labelled(entries[name], symmetric=form == 6).matrix.shape
+        return members
 
 
-MATRICES = Container(shapes, load, others)
+def _load(path: Path, name: str) -> ImportedMatrix:
+    """Return one DMIG matrix of a file, with the labels of its DOFs."""
+    with read_errors(path, WHAT):
+        heads, entries = _columns(read_cards(path, {"DMIG"}))
+        return _labelled(entries[name], symmetric=_form(heads.get(name))[0] == 6)
+
+
+MATRICES = Container(_members, _load)
 """The reader of the DMIG matrices of a file."""
 
 _REAL, _COMPLEX = (1, 2), (3, 4)
@@ -368,17 +366,6 @@ def _columns(
             if card[k]:
                 rows.append((*at, integer(card[k]), integer(card[k + 1] or "0"), real(card[k + 2])))
     return heads, entries
-
-
-def _dmig(cards: Mapping[str, Sequence[Card]]) -> dict[str, ImportedMatrix]:
-    """Return the square real matrices of DMIG cards by name."""
-    heads, entries = _columns(cards)
-    matrices = {}
-    for name, rows in entries.items():
-        form, kind = _form(heads.get(name))
-        if kind in _REAL and form in _SQUARE and rows:
-            matrices[name] = _labelled(rows, symmetric=form == 6)
-    return matrices
 
 
 def _labelled(rows: Sequence[tuple[int, int, int, int, float]], *, symmetric: bool) -> ImportedMatrix:

@@ -48,6 +48,5 @@ def check_reference(path: Path, named: str, includes: Iterable[Path] | None = No
         raise FileError(
             f"{path} refers to another file, '{named}', which the scene does not name",
             remedy=f"Name it beside the mesh, from the folder of the scene: includes: [{named}].",
-            names=("mesh",),
         )
     return file

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from dynid.errors import FileError
 from dynid.file_access import check_readable
@@ -186,6 +186,11 @@ def format_of(path: Path, *contents: Content, names: Sequence[str] = ()) -> File
     with read_errors(path, formats[-1].name), path.open("rb") as stream:
         start = stream.read(1024)
     return next(form for form in formats if form.recognised is None or form.recognised(start))
+
+
+def reader_of(path: Path, content: Content, names: Sequence[str] = ()) -> Any:
+    """Return the reader of one content of a file, as of `FileFormat`; `names` as of `format_of`."""
+    return getattr(format_of(path, content, names=names), content)
 
 
 def endings_of(*contents: Content) -> list[str]:

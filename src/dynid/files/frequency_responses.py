@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,33 +77,93 @@ class MeasuredResponses(NamedTuple):
 
 
 def from_text(file: DataFile, layout: ResponseLayout) -> MeasuredResponses:
-    """Return the frequency responses in a text file, with the headings of their columns."""
-    columns = _TextResponses(file)
-    measured = _measured(columns, layout)
-    lines = columns.table.heading(columns.at)
-    return measured._replace(headings=columns.headings(layout.columns), of_lines=lines)
+    """Return the frequency responses in a text file, with the headings of their columns.
+
+    Without a name and a header the first column is that of the frequencies.
+    """
+    table = read_text(file, number=complex_number)
+    at = next((k for k, name in enumerate(table.names) if _is_frequency(name)), 0)
+    if layout.frequency is not None:
+        at = table.find(layout.frequency, "frequency")
+    elif table.names and not _is_frequency(table.names[at]):
+        columns = ", ".join(table.names)
+        file.refuse(f"has no column of frequencies; it has {columns}", "Name it: frequency: NAME.")
+    used = [k for k in range(table.values.shape[1]) if k != at]
+    responses = table.values[:, used]
+    if layout.columns is not None:
+        first = [column[0] if isinstance(column, list) else column for column in layout.columns]
+        used = [table.find(name, "columns") for name in first]
+    elif not np.any(np.nan_to_num(responses.imag)):  # real and imaginary parts by turns
+        if len(used) % 2:
+            file.refuse(
+                f"has {len(used)} columns of real numbers beside the frequencies",
+                "Real and imaginary parts stand by turns; or name the pairs: columns: [[REAL, IMAGINARY]].",
+                key="columns",
+            )
+        used, responses = used[::2], responses[:, ::2] + 1j * responses[:, 1::2]
+
+    def column(names: Sequence[ColumnName], key: str) -> NDArray[Any]:
+        return table.values[:, [table.find(names[0], key)]]
+
+    measured = _measured(file, layout, column, table.values[:, [at]], lambda: responses)
+    return measured._replace(headings=[table.heading(k) for k in used], of_lines=table.heading(at))
 
 
 def from_hdf5(file: DataFile, layout: ResponseLayout) -> MeasuredResponses:
-    """Return the frequency responses in an HDF5 file."""
-    return _measured(_Hdf5Responses(file), layout)
+    """Return the frequency responses in an HDF5 file; frequencies stand beside those that no scene names."""
+
+    def column(names: Sequence[ColumnName], key: str) -> NDArray[Any]:
+        texts = [str(name) for name in names]
+        return complex_datasets(file, next(iter(present(file, texts)), texts[0]), key)
+
+    folder = next(iter(present(file, _MEASURED)), "").rpartition("/")[0]
+    standard = [*(f"{folder}/{name}".lstrip("/") for name in _FREQUENCY), *_FREQUENCY]
+    omega = column(standard if layout.frequency is None else [layout.frequency], "frequency")
+    return _measured(file, layout, column, omega, lambda: column(_MEASURED, "columns"))
 
 
 def from_matlab(file: DataFile, layout: ResponseLayout) -> MeasuredResponses:
-    """Return the frequency responses in a MATLAB file."""
-    return _measured(_MatlabResponses(file), layout)
+    """Return the frequency responses in a MATLAB file, whose variables have no order."""
+
+    def column(names: Sequence[ColumnName], key: str) -> NDArray[Any]:
+        return complex_columns(file, [str(name) for name in names], key)
+
+    def default() -> NoReturn:
+        file.refuse("has variables; none of them is known to be a response", "Name them: columns: […].")
+
+    omega = column(_FREQUENCY if layout.frequency is None else [layout.frequency], "frequency")
+    return _measured(file, layout, column, omega, default)
 
 
-def _measured(source: _ResponseFile, layout: ResponseLayout) -> MeasuredResponses:
-    file = source.file
-    omega = _real(file, source.frequency(layout.frequency), "the frequencies", "frequency")[:, 0]
+def _measured(
+    file: DataFile,
+    layout: ResponseLayout,
+    column: Callable[[Sequence[ColumnName], str], NDArray[Any]],
+    omega: NDArray[Any],
+    default: Callable[[], NDArray[Any]],
+) -> MeasuredResponses:
+    """Return responses; `column` reads the first of some names, `default` all responses if none is named.
+
+    Columns that are named in pairs are real and imaginary parts.
+    """
+    lines = _real(file, omega, "the frequencies", "frequency")[:, 0]
     deviation, coherence = (
-        _real(file, np.column_stack([source.column(column, name) for column in columns]), name, name)
-        if columns
-        else None
-        for name, columns in (("deviation", layout.deviation), ("coherence", layout.coherence))
+        _real(file, np.column_stack([column([name], key) for name in names]), key, key) if names else None
+        for key, names in (("deviation", layout.deviation), ("coherence", layout.coherence))
     )
-    return MeasuredResponses(omega, _paired(source, layout.columns), deviation, coherence)
+    parts = []
+    for name in layout.columns or ():
+        if isinstance(name, list):
+            real, imaginary = (
+                _real(file, column([part], "columns"), f"'{part}'", "columns") for part in name
+            )
+            parts.append(real + 1j * imaginary)
+        else:
+            parts.append(column([name], "columns"))
+    if len({len(values) for values in parts}) > 1:
+        file.refuse("has columns of different lengths", key="columns")
+    values = default() if layout.columns is None else np.concatenate(parts, axis=1)
+    return MeasuredResponses(lines, np.asarray(values, dtype=complex), deviation, coherence)
 
 
 def _real(file: DataFile, values: NDArray[Any], what: str, key: str) -> Array:
@@ -113,137 +172,8 @@ def _real(file: DataFile, values: NDArray[Any], what: str, key: str) -> Array:
     return np.asarray(values.real, dtype=float)
 
 
-def _paired(table: _ResponseFile, columns: Sequence[ColumnName | list[ColumnName]] | None) -> ComplexArray:
-    """Return the columns of responses; those that are named in pairs are real and imaginary parts."""
-    if columns is None:
-        return np.asarray(table.every(), dtype=complex)
-    parts = []
-    for column in columns:
-        if isinstance(column, list):
-            real, imaginary = (
-                _real(table.file, table.column(name, "columns"), f"'{name}'", "columns") for name in column
-            )
-            parts.append(real + 1j * imaginary)
-        else:
-            parts.append(table.column(column, "columns"))
-    if len({len(values) for values in parts}) > 1:
-        table.file.refuse("has columns of different lengths", key="columns")
-    return np.concatenate(parts, axis=1).astype(complex)
-
-
 def _is_frequency(name: str) -> bool:
     return re.sub(r"[\[(].*", "", split_heading(name)[0]).strip().lower() in _FREQUENCY
-
-
-class _ResponseFile(ABC):
-    """Columns of a file of one format (L x columns)."""
-
-    def __init__(self, file: DataFile) -> None:
-        self.file = file
-
-    @abstractmethod
-    def frequency(self, name: ColumnName | None) -> NDArray[Any]:
-        """Return the lines: the named column, else one with a known name."""
-
-    @abstractmethod
-    def column(self, name: ColumnName, key: str) -> NDArray[Any]:
-        """Return the named column or columns; `key` is their key in the scene."""
-
-    @abstractmethod
-    def every(self) -> NDArray[Any]:
-        """Return all responses; the scene names none."""
-
-
-class _TextResponses(_ResponseFile):
-    """Columns of a text file."""
-
-    def __init__(self, file: DataFile) -> None:
-        super().__init__(file)
-        self.table = read_text(file, number=complex_number)
-        self.at = next((k for k, name in enumerate(self.table.names) if _is_frequency(name)), 0)
-
-    def frequency(self, name: ColumnName | None) -> NDArray[Any]:
-        """Return the lines; without a name and a header the first column."""
-        if name is None and self.table.names and not _is_frequency(self.table.names[self.at]):
-            columns = ", ".join(self.table.names)
-            self.file.refuse(f"has no column of frequencies; it has {columns}", "Name it: frequency: NAME.")
-        self.at = self.at if name is None else self.table.find(name, "frequency")
-        return self.table.values[:, [self.at]]
-
-    def column(self, name: ColumnName, key: str) -> NDArray[Any]:
-        """Return a column."""
-        return self.table.values[:, [self.table.find(name, key)]]
-
-    def headings(self, columns: Sequence[ColumnName | list[ColumnName]] | None) -> list[Heading]:
-        """Return the headings of responses; of pairs that of the real part."""
-        if columns is None:
-            alternate = 1 if self._complex else 2
-            return [self.table.heading(k) for k in self._others[::alternate]]
-        first = [column[0] if isinstance(column, list) else column for column in columns]
-        return [self.table.heading(self.table.find(name, "columns")) for name in first]
-
-    @property
-    def _others(self) -> list[int]:
-        return [k for k in range(self.table.values.shape[1]) if k != self.at]
-
-    @property
-    def _complex(self) -> bool:
-        return bool(np.any(np.nan_to_num(self.table.values[:, self._others].imag)))
-
-    def every(self) -> NDArray[Any]:
-        """Return all columns but the frequencies: complex ones, or real and imaginary parts by turns."""
-        others, values = self._others, self.table.values[:, self._others]
-        if self._complex:
-            return values
-        if len(others) % 2:
-            self.file.refuse(
-                f"has {len(others)} columns of real numbers beside the frequencies",
-                "Real and imaginary parts stand by turns; or name the pairs: columns: [[REAL, IMAGINARY]].",
-                key="columns",
-            )
-        return np.asarray(values[:, ::2] + 1j * values[:, 1::2])
-
-
-class _Hdf5Responses(_ResponseFile):
-    """Datasets of an HDF5 file."""
-
-    def frequency(self, name: ColumnName | None) -> NDArray[Any]:
-        """Return the lines: the named dataset, else one of the known names beside the responses."""
-        if name is not None:
-            return self._read([str(name)], "frequency")
-        at = next(iter(present(self.file, _MEASURED)), "")
-        folder = at.rpartition("/")[0]
-        siblings = [f"{folder}/{standard}".lstrip("/") for standard in _FREQUENCY]
-        return self._read([*siblings, *_FREQUENCY], "frequency")
-
-    def column(self, name: ColumnName, key: str) -> NDArray[Any]:
-        """Return a dataset: one column or several."""
-        return self._read([str(name)], key)
-
-    def every(self) -> NDArray[Any]:
-        """Return the dataset of the measured responses."""
-        return self._read(_MEASURED, "columns")
-
-    def _read(self, names: Sequence[str], key: str) -> NDArray[Any]:
-        """Return the first of these datasets in the file, as columns."""
-        name = next(iter(present(self.file, names)), names[0])
-        return complex_datasets(self.file, name, key)
-
-
-class _MatlabResponses(_ResponseFile):
-    """Variables of a MATLAB file."""
-
-    def frequency(self, name: ColumnName | None) -> NDArray[Any]:
-        """Return the lines: the named variable, else one of the known names."""
-        return complex_columns(self.file, _FREQUENCY if name is None else [str(name)], "frequency")
-
-    def column(self, name: ColumnName, key: str) -> NDArray[Any]:
-        """Return a variable: one column or several."""
-        return complex_columns(self.file, [str(name)], key)
-
-    def every(self) -> NDArray[Any]:
-        """Refuse: variables have no order."""
-        self.file.refuse("has variables; none of them is known to be a response", "Name them: columns: […].")
 
 
 def from_universal(file: DataFile, layout: ResponseLayout) -> MeasuredResponses:

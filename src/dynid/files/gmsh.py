@@ -60,25 +60,23 @@ class _Elements(NamedTuple):
 def read_gmsh(path: Path, _: Sequence[Path] = ()) -> MeshData:
     """Return the mesh of a file."""
     if path.stat().st_size > 8 * MOST_NUMBERS:
-        raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read", names=("mesh",))
+        raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read")
     content = path.read_bytes()
     head = _FORMAT.match(content)
     if head is None:
         raise FileError(
-            f"{path} is no mesh of gmsh: it does not start with $MeshFormat, its version and its type",
-            names=("mesh",),
+            f"{path} is no mesh of gmsh: it does not start with $MeshFormat, its version and its type"
         )
     version = head[1].decode()
     if version not in _VERSIONS:
         raise FileError(
             f"{path} has the format {version} of gmsh; {', '.join(_VERSIONS)} are read",
             remedy="Save it again: gmsh FILE -save -format msh41 -o NEW.",
-            names=("mesh",),
         )
     try:
         return _File(path, content, head, version == "4.1").mesh()
     except (ValueError, IndexError, KeyError, OverflowError) as error:
-        raise FileError(f"{path} is no mesh of gmsh, or damaged: {error}", names=("mesh",)) from None
+        raise FileError(f"{path} is no mesh of gmsh, or damaged: {error}") from None
 
 
 class _Numbers:
@@ -138,7 +136,7 @@ class _File:
             readers["Entities"] = self._entities
         for name, start, end in self._sections():
             if name == "PartitionedEntities":
-                raise FileError(f"{self.path} is partitioned", remedy="Save it as one part.", names=("mesh",))
+                raise FileError(f"{self.path} is partitioned", remedy="Save it as one part.")
             if name == "PhysicalNames":
                 for line in self.content[start:end].decode("utf-8", errors="replace").splitlines()[1:]:
                     match = re.fullmatch(r'\s*(\d+)\s+(\d+)\s+"(.*)"\s*', line)
@@ -164,9 +162,7 @@ class _File:
                 self.content, opening.end()
             )
             if closing is None:
-                raise FileError(
-                    f"{self.path} ends within ${name.decode()}: it is incomplete", names=("mesh",)
-                )
+                raise FileError(f"{self.path} ends within ${name.decode()}: it is incomplete")
             yield name.decode(), opening.end(), closing.start()
             at = closing.end()
 

@@ -24,16 +24,6 @@ from dynid.suggestions import did_you_mean
 _MAX_NAMES = 1000
 
 
-def _hdf5_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the matrices of a file, by their paths in it."""
-    return {name: shape for name, shape in _hdf5_members(path).items() if isinstance(shape, tuple)}
-
-
-def _hdf5_others(path: Path) -> dict[str, str]:
-    """Return what stands in a file beside its matrices, by path."""
-    return {name: what for name, what in _hdf5_members(path).items() if isinstance(what, str)}
-
-
 def _hdf5_members(path: Path) -> dict[str, tuple[int, ...] | str]:
     """Return the shapes of the matrices of a file, and what else stands there, by their paths."""
     import h5py
@@ -128,7 +118,7 @@ def _load_hdf5(path: Path, name: str) -> Matrix:
         return np.asarray(values).T if "MATLAB_class" in item.attrs else values
 
 
-MATRICES = Container(_hdf5_shapes, _load_hdf5, _hdf5_others)
+MATRICES = Container(_hdf5_members, _load_hdf5)
 """The reader of the matrices of a file."""
 
 

@@ -53,33 +53,23 @@ def is_hdf5(start: bytes) -> bool:
     return start.startswith(_HDF5_SIGNATURE) or start[512:].startswith(_HDF5_SIGNATURE)
 
 
-def shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the numeric variables of a file, by name."""
-    return {
-        name: variable.shape
-        for name, variable in _variables(path).items()
-        if variable.kind in _MATRICES and 0 not in variable.shape
-    }
-
-
-def others(path: Path) -> dict[str, str]:
-    """Return what stands in a file beside its numeric variables, by name."""
-    return {
-        name: _contents(variable)
-        for name, variable in _variables(path).items()
-        if variable.kind not in _MATRICES or 0 in variable.shape
-    }
-
-
-_MATRICES = ("full", "sparse")
-
-
-def _contents(variable: _MatlabVariable) -> str:
-    size = " x ".join(map(str, variable.shape))
-    names = {"cell": f"a cell array of {size} cells", "struct": f"a {size} structure array", "char": "text"}
-    if 0 in variable.shape:
-        return "an empty array"
-    return names.get(variable.kind, f"an object of the class {variable.kind}")
+def _members(path: Path) -> dict[str, tuple[int, ...] | str]:
+    """Return the shapes of the numeric variables of a file, and what else stands there, by name."""
+    members: dict[str, tuple[int, ...] | str] = {}
+    for name, (kind, shape, _) in _variables(path).items():
+        size = " x ".join(map(str, shape))
+        known = {
+            "cell": f"a cell array of {size} cells",
+            "struct": f"a {size} structure array",
+            "char": "text",
+        }
+        if 0 in shape:
+            members[name] = "an empty array"
+        elif kind in ("full", "sparse"):
+            members[name] = shape
+        else:
+            members[name] = known.get(kind, f"an object of the class {kind}")
+    return members
 
 
 def names(path: Path) -> list[str]:
@@ -88,7 +78,7 @@ def names(path: Path) -> list[str]:
     return [name for name, variable in variables if variable.kind in ("full", "cell") and "/" not in name]
 
 
-def load(path: Path, name: str) -> Matrix:
+def _load(path: Path, name: str) -> Matrix:
     """Return one variable of a file; no objects, functions or structures are read."""
     variable = _variables(path)[name]
     check_claim(path, variable.shape, 0 if variable.kind == "sparse" else None)
@@ -101,35 +91,8 @@ def load(path: Path, name: str) -> Matrix:
     return real_matrix(path, name, values[0])
 
 
-MATRICES = Container(shapes, load, others)
+MATRICES = Container(_members, _load)
 """The reader of the matrices of a file."""
-
-
-def arrays(path: Path, name: str) -> tuple[tuple[int, ...] | None, list[Array]]:
-    """Return the arrays of a variable: of a matrix None and itself, of cells their shape and contents.
-
-    Cells come column by column, as the file holds them. They must hold matrices of real numbers.
-    """
-    variable = _variables(path)[name]
-    check_claim(path, variable.shape)
-    cells = variable.kind == "cell"
-    contents = []
-    for number, values in enumerate(_values(path, variable.arrays), 1):
-        label = f"{name}{{{number}}}" if cells else name
-        if values.dtype.kind not in "iufb":
-            raise FileError(f"{path}: '{label}' is no matrix of real numbers")
-        contents.append(np.asarray(real_matrix(path, label, values)))
-    return variable.shape if cells else None, contents
-
-
-def complex_matrix(path: Path, name: str) -> np.ndarray[Any, np.dtype[Any]]:
-    """Return a full matrix of real or complex numbers."""
-    variable = _variables(path)[name]
-    if variable.kind != "full":
-        raise FileError(f"{path}: '{name}' is no full matrix of numbers")
-    check_claim(path, variable.shape)
-    values = _values(path, variable.arrays)[0]
-    return values.astype(complex if values.dtype.kind == "c" else float)
 
 
 def _variables(path: Path) -> dict[str, _MatlabVariable]:
@@ -282,13 +245,24 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
 
 def complex_columns(file: DataFile, candidates: Sequence[str], key: str) -> NDArray[Any]:
     """Return the first variable of these names as columns of real or complex numbers."""
+    name = _existing(file, candidates, key)
+    variable = _variables(file.path)[name]
+    if variable.kind != "full":
+        raise FileError(f"{file.path}: '{name}' is no full matrix of numbers")
+    check_claim(file.path, variable.shape)
+    values = _values(file.path, variable.arrays)[0]
+    values = values.astype(complex if values.dtype.kind == "c" else float)
+    return values.reshape(-1, 1) if min(values.shape) == 1 else values
+
+
+def _existing(file: DataFile, candidates: Sequence[str], key: str) -> str:
+    """Return the first of these names that a variable has."""
     variables = names(file.path)
     name = next((name for name in candidates if name in variables), candidates[0])
     if name not in variables:
         hint = did_you_mean(name, variables) or (f"; it has {', '.join(variables[:20])}" if variables else "")
         file.refuse(f"has no variable '{name}'{hint}", key=key)
-    values = complex_matrix(file.path, name)
-    return values.reshape(-1, 1) if min(values.shape) == 1 else values
+    return name
 
 
 def whole_numbers(file: DataFile, name: str, key: str) -> list[int]:
@@ -305,12 +279,16 @@ def whole_numbers(file: DataFile, name: str, key: str) -> list[int]:
 
 def _cells(file: DataFile, name: str, key: str, row: int | None) -> list[Array]:
     """Return the arrays of a variable: one, or those of a row of cells."""
-    variables = names(file.path)
-    if name not in variables:
-        hint = did_you_mean(name, variables) or (f"; it has {', '.join(variables[:20])}" if variables else "")
-        file.refuse(f"has no variable '{name}'{hint}", key=key)
-    shape, contents = arrays(file.path, name)
-    if shape is None:
+    variable = _variables(file.path)[_existing(file, [name], key)]
+    check_claim(file.path, variable.shape)
+    shape, cells = variable.shape, variable.kind == "cell"
+    contents: list[Array] = []
+    for number, values in enumerate(_values(file.path, variable.arrays), 1):  # of cells column by column
+        label = f"{name}{{{number}}}" if cells else name
+        if values.dtype.kind not in "iufb":
+            raise FileError(f"{file.path}: '{label}' is no matrix of real numbers")
+        contents.append(np.asarray(real_matrix(file.path, label, values)))
+    if not cells:
         if row is not None:
             file.refuse(f"holds a matrix in '{name}', no rows of cells", key="row")
         return contents

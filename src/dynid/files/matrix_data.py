@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -43,14 +43,21 @@ class ImportedMatrix:
 
 
 class Container(NamedTuple):
-    """The reader of a format that holds several matrices: their shapes by name, and one of them.
+    """The reader of a format that holds several matrices.
 
-    `others` says by name what stands in the file that is no real matrix.
+    `members` returns by name their shapes, and what stands in the file that is no real matrix; `load` one.
     """
 
-    shapes: Callable[[Path], dict[str, tuple[int, ...]]]
+    members: Callable[[Path], Mapping[str, tuple[int, ...] | str]]
     load: Callable[[Path, str], Matrix | ImportedMatrix]
-    others: Callable[[Path], dict[str, str]] = lambda _: {}
+
+    def shapes(self, path: Path) -> dict[str, tuple[int, ...]]:
+        """Return the shapes of the matrices of a file, by name."""
+        return {name: what for name, what in self.members(path).items() if not isinstance(what, str)}
+
+    def others(self, path: Path) -> dict[str, str]:
+        """Return what stands in a file that is no real matrix, by name."""
+        return {name: what for name, what in self.members(path).items() if isinstance(what, str)}
 
     def matrix(self, path: Path, name: str) -> ImportedMatrix:
         """Return one matrix of a file, by its name."""

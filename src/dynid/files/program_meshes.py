@@ -131,8 +131,7 @@ def read_nastran(path: Path, includes: Sequence[Path]) -> MeshData:
                 if kind is None or 0 in ends:
                     raise FileError(
                         f"{path}: {card_name} {number} has {len(ends) - ends.count(0)} nodes: all of its "
-                        "edges have a node, or none",
-                        names=("mesh",),
+                        "edges have a node, or none"
                     )
                 cells.add(number, kind, [ends[index] for index in _ORDERS.get(kind, range(len(ends)))])
                 cells.groups.add(card[2] or card[1], [number])

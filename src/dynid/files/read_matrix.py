@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.errors import FileError
 from dynid.file_access import check_readable, dataset_of
-from dynid.files.formats import format_of
+from dynid.files.formats import format_of, reader_of
 from dynid.files.matrix_data import COMPLEX, USE_REAL_PART, Container, ImportedMatrix
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix, is_sparse
@@ -62,7 +62,9 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     if form.matrix is not None:
         imported = form.matrix(file.path)
     else:
-        imported = load_matrix(file.path, _choose(file.path, file.name, role, shapes_in(file.path)))
+        container = container_of(file.path)
+        name = _choose(file.path, file.name, role, container.shapes(file.path))
+        imported = container.matrix(file.path, name)
     entries = imported.matrix.data if is_sparse(imported.matrix) else imported.matrix
     if not np.any(entries):
         without = " Leave 'damping' out where there is none." if role == "damping" else ""
@@ -73,31 +75,22 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     return imported
 
 
-def _container_of(path: Path) -> Container:
+def container_of(path: Path) -> Container:
     """Return the reader of a file that holds several matrices."""
-    container = format_of(path, "matrices").matrices
-    assert container is not None
+    container: Container = reader_of(path, "matrices")
     return container
-
-
-def shapes_in(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the matrices of a file that holds several, by name."""
-    return _container_of(path).shapes(path)
-
-
-def load_matrix(path: Path, name: str) -> ImportedMatrix:
-    """Return one matrix, by its name, of a file that holds several."""
-    return _container_of(path).matrix(path, name)
 
 
 def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
     """Read ``A``, and ``B`` and ``C`` if there; `names` are theirs in the file, where these differ."""
     if format_of(path, "matrix", "matrices").matrix is not None:
         raise FileError(f"{path} holds one matrix; a state space takes several")
-    shapes = shapes_in(path)
+    container = container_of(path)
+    shapes = container.shapes(path)
     there = {name.rpartition("/")[2].upper() for name in shapes}
     roles = ["A", *(role for role in ("B", "C") if role in names or role in there)]
-    return {role: load_matrix(path, _choose(path, names.get(role), role, shapes)).matrix for role in roles}
+    chosen = {role: _choose(path, names.get(role), role, shapes) for role in roles}
+    return {role: container.matrix(path, name).matrix for role, name in chosen.items()}
 
 
 def read_labels(path: Path) -> list[Label]:
@@ -131,7 +124,7 @@ def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequen
     if len(shapes) == 1 and role not in ("B", "C") and not named_as_another:
         return only
     raise FileError(
-        f"{path} does not say which matrix is the {role}{_known(shapes, _container_of(path).others(path))}",
+        f"{path} does not say which matrix is the {role}{_known(shapes, container_of(path).others(path))}",
         remedy="Name it: {path: …, name: …}.",
     )
 
@@ -150,7 +143,7 @@ def _named(path: Path, name: str, shapes: Mapping[str, Sequence[int]]) -> str:
     alike = [spelled for spelled in shapes if spelled.lower() == name.lower()]
     if name in shapes or len(alike) == 1:
         return name if name in shapes else alike[0]
-    others = _container_of(path).others(path)
+    others = container_of(path).others(path)
     for spelled, what in others.items():
         # A field of what is no structure of matrices has no matrix, either.
         if name.lower() == spelled.lower() or name.lower().startswith(f"{spelled.lower()}/"):
@@ -166,7 +159,7 @@ def check_real(path: Path, role: str, real: Sequence[str], *, required: bool = T
     `real` are the real ones with a usual name. If the role is `required` and none is real, what is no matrix
     counts as well.
     """
-    others = _container_of(path).others(path)
+    others = container_of(path).others(path)
     counts = required and not real
     usual = [name for name in named_as(others, role) if counts or others[name] == COMPLEX]
     if usual and (not real or _rank(usual[0], role) < _rank(real[0], role)):

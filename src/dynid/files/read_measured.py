@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dynid.files.formats import Content, FileFormat, format_of
+from dynid.files.formats import Content, reader_of
 from dynid.files.frequency_responses import MeasuredResponses, ResponseLayout
 from dynid.files.modal_tables import ModalTable
 from dynid.files.stamps import Clock
@@ -119,16 +119,12 @@ def read_signal(
 
 
 def _table(path: Path, scene_key: str, request: ColumnRequest) -> DataTable:
-    file, form = _opened(path, scene_key, "columns")
-    assert form.columns is not None
-    table = form.columns(file, request)
+    table: DataTable = _reader(path, "columns", scene_key)(DataFile(path, scene_key), request)
     return table if request.layout.first is None else table.since(request.layout.first)
 
 
-def _opened(path: Path, scene_key: str, content: Content) -> tuple[DataFile, FileFormat]:
-    return DataFile(path, scene_key), format_of(
-        path, content, names=[f"{scene_key}.path"] if scene_key else ()
-    )
+def _reader(path: Path, content: Content, scene_key: str) -> Any:
+    return reader_of(path, content, names=[f"{scene_key}.path"] if scene_key else ())
 
 
 def read_responses(path: Path, layout: ResponseLayout, scene_key: str) -> MeasuredResponses:
@@ -144,9 +140,8 @@ def read_responses(path: Path, layout: ResponseLayout, scene_key: str) -> Measur
     scene_key
         The dotted place of the file in the scene, for errors.
     """
-    file, form = _opened(path, scene_key, "responses")
-    assert form.responses is not None
-    measured = form.responses(file, layout)
+    file = DataFile(path, scene_key)
+    measured: MeasuredResponses = _reader(path, "responses", scene_key)(file, layout)
     omega = measured.omega
     if not np.isfinite(omega).all() or np.any(omega < 0) or np.any(np.diff(omega) <= 0):
         file.refuse("has frequencies that are missing, negative, or do not increase", key="frequency")
@@ -172,9 +167,8 @@ def read_modes(path: Path, names: Mapping[str, str], scene_key: str) -> ModalTab
     scene_key
         The dotted place of the file in the scene, for errors.
     """
-    file, form = _opened(path, scene_key, "modes")
-    assert form.modes is not None
-    modes = form.modes(file, names)
+    file = DataFile(path, scene_key)
+    modes: ModalTable = _reader(path, "modes", scene_key)(file, names)
     bad = ~(np.isfinite(modes.frequency) & (modes.frequency >= 0))
     if bad.any():
         number = int(np.argmax(bad)) + 1

@@ -13,8 +13,8 @@ import numpy as np
 from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files import exodus
-from dynid.files.formats import format_of
-from dynid.files.mesh_data import members
+from dynid.files.formats import reader_of
+from dynid.files.mesh_data import MeshData, members
 from dynid.structure.solid_elements import ELEMENTS, Places
 from dynid.structure.solid_mesh import Block, SolidMesh
 
@@ -47,10 +47,9 @@ def read_mesh(path: Path, scale: float = 1.0, includes: Sequence[Path] = ()) -> 
     includes
         Other files to which it may refer.
     """
-    reader = format_of(path, "mesh", names=("mesh",)).mesh
-    assert reader is not None
+    reader = reader_of(path, "mesh", names=("mesh",))
     try:
-        mesh = reader(path, includes)
+        mesh: MeshData = reader(path, includes)
     except FileError as error:
         raise FileError(error.problem, remedy=error.remedy, names=("mesh",)) from None
     xyz = np.zeros((len(mesh.xyz), 3))

@@ -12,10 +12,17 @@ from dynid.arithmetic.dependent import Real
 from dynid.defaults import DENSE_STRUCTURES
 from dynid.errors import FileError, UsageError
 from dynid.file_access import check_readable
-from dynid.files.formats import endings_of, format_of
+from dynid.files.formats import endings_of, reader_of
 from dynid.files.matrix_data import ImportedMatrix
 from dynid.files.node_tables import POSITIONS
-from dynid.files.read_matrix import MatrixFile, check_real, named_as, read_matrix, read_state_space, shapes_in
+from dynid.files.read_matrix import (
+    MatrixFile,
+    check_real,
+    container_of,
+    named_as,
+    read_matrix,
+    read_state_space,
+)
 from dynid.number_format import counted
 from dynid.parameters import Parameter
 from dynid.structure.assembly import damped_structure
@@ -203,12 +210,12 @@ def read_nodes(path: Path) -> NodeFile:
         The file: Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`, `.asm`) or OUTPUT2 (`.op2`), Exodus
         (`.exo`, `.e`, `.g`), Abaqus or CalculiX (`.inp`), MATLAB or HDF5, or a table (`.csv`).
     """
-    reader = format_of(path, "nodes").nodes
-    assert reader is not None
+    reader = reader_of(path, "nodes")
     try:
-        return reader(path)
+        nodes: NodeFile = reader(path)
     except UsageError as error:  # of the nodes themselves: two have one number
         raise FileError(f"{path}: {error.problem}", remedy=error.remedy) from None
+    return nodes
 
 
 #: Files of nodes that may stand beside OUTPUT4.
@@ -253,7 +260,7 @@ def model_files(path: Path) -> _ModelFiles:
             f"{path} is no file of a whole model",
             remedy=f"Those end in .inp, {', '.join(endings)}; else name mass, stiffness and nodes.",
         )
-    shapes = shapes_in(path)
+    shapes = container_of(path).shapes(path)
     stiffnesses = named_as(shapes, "stiffness")
     check_real(path, "damping", named_as(shapes, "damping"), required=False)
     damping = next(

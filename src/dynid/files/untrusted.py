@@ -123,8 +123,7 @@ def check_count(path: Path, count: int, what: str, available: int, bytes_each: i
     """
     if not 0 <= count * bytes_each <= available:
         raise FileError(
-            f"{path} claims {count:,} {what}, more than {available:,} bytes hold: it is truncated or damaged",
-            names=("mesh",),
+            f"{path} claims {count:,} {what}, more than {available:,} bytes hold: it is truncated or damaged"
         )
 
 
