@@ -95,16 +95,12 @@ def verdict(posterior: Posterior) -> str:
             if posterior.optimal and not (posterior.ambiguous or posterior.undetermined):
                 return f"{optimum}, but {fit}, and the intervals are nominal, as a rule too narrow"
         if posterior.converged:
-            return f"converged: {optimum}{_excluded(posterior)}, {fit}"
+            if (optima := posterior.optima) is not None and len(optima) > 1:
+                optimum += (
+                    f" (of {len(optima)} that explain the {noun} equally well, priors and limits leave it)"
+                )
+            return f"converged: {optimum}, {fit}"
     return f"NOT converged: {optimum}; {fit}"
-
-
-def _excluded(posterior: Posterior) -> str:
-    """Return how many equivalent optima priors and limits exclude, as a part of a sentence."""
-    optima = posterior.optima
-    if optima is None or len(optima) == 1:
-        return ""
-    return f" (of {len(optima)} that explain the {posterior.noun} equally well, priors and limits leave it)"
 
 
 def warnings(posterior: Posterior) -> list[str]:
@@ -151,6 +147,7 @@ def _possible_causes(posterior: Posterior) -> str:
 def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     """Warn of lack of fit, contradicted priors, and uncertain or hardly distinguishable parameters."""
     compared = posterior.comparison
+    names, errors = posterior.likelihood.names, posterior.error_in_bounds
     yield from posterior.mistakes
     if posterior.estimate.cut_off:
         rows = "samples" if posterior.likelihood.records[0].sampling_step is not None else "lines"
@@ -173,7 +170,6 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
         )
     if posterior.growing is not None:
         yield posterior.growing.statement
-    names, errors = posterior.likelihood.names, posterior.error_in_bounds
     for name, apart in zip(names, posterior.prior_conflict, strict=True):
         if apart > CONTRADICTED:
             yield (
@@ -451,7 +447,10 @@ def _shape_warnings(posterior: Posterior, channel: ChannelOfRecord, shape: Resid
         others = f" and at {count - _NAMED} more" if count > _NAMED else ""
         remedy = f", or use {record.outlier_remedy}" if record.outlier_remedy else ""
         many, it = ("an outlier", "it") if count == 1 else (f"{count} outliers", "them")
-        if _model_fails(posterior, shape):
+        fails = posterior.rejection is not None or not posterior.comparison.explained
+        # Errors of the data are single values, without which little of the residual is left.
+        neighbours = count > 1 and np.min(np.diff(np.sort(shape.outliers))) == 1
+        if fails and (neighbours or shape.share < _DOMINANT):
             yield (
                 f"the residual of {channel.name} is largest at {labels}{others}, up to "
                 f"{_number(shape.largest)} of its standard deviations: the model does not explain the record "
@@ -469,17 +468,6 @@ def _shape_warnings(posterior: Posterior, channel: ChannelOfRecord, shape: Resid
             f"noise 3; largest at {record.row_label(shape.at)}): estimator: {{loss: huber}} bounds "
             "the influence of large residuals"
         )
-
-
-def _model_fails(posterior: Posterior, shape: ResidualShape) -> bool:
-    """Return True if outliers are a consequence of a model that explains too little rather than of the data.
-
-    Errors of the data are single values, without which little of the residual is left.
-    """
-    if posterior.rejection is None and posterior.comparison.explained:
-        return False
-    neighbours = len(shape.outliers) > 1 and np.min(np.diff(np.sort(shape.outliers))) == 1
-    return bool(neighbours) or shape.share < _DOMINANT
 
 
 def _weight_lost(channel: ChannelOfRecord, share: float) -> str:

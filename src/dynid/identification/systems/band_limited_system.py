@@ -10,13 +10,13 @@ Source: R. R. Craig, A. J. Kurdila, Fundamentals of Structural Dynamics, 2nd ed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
 
 from dynid.arrays import Array, ComplexArray, finite
-from dynid.identification.systems.linear_system import LinearSystem
+from dynid.identification.systems.linear_system import LinearSystem, Pairs, Responses
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.structure.dynamic_condensation import ActiveCoordinates
 from dynid.structure.matrices import as_array
@@ -46,20 +46,20 @@ class _BandLimitedSystem(StructureSystem):
         super().__init__(system.model, system.loads, system.channels)
         self.band, self.considered = band, system.considered
 
-    def basis(self, values: Mapping[str, float], omega: Array, pairs: Sequence[tuple[int, int]]) -> Array:
+    def basis(self, values: Mapping[str, float], omega: Array, pairs: Pairs) -> Array:
         """Return the modes in the band of the lines, and residual vectors (n x r)."""
         M, _, K = self.model.dense(values)
         return _band_basis(M, K, self.directions(pairs), self.band * float(omega[-1]))
 
-    def solved_size(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> int:
+    def solved_size(self, omega: Array, pairs: Pairs) -> int:
         """Return the number of columns of the basis at the starts."""
         return int(
             self.basis({unknown.name: unknown.start for unknown in self.unknowns}, omega, pairs).shape[1]
         )
 
     def _evaluated(
-        self, values: Mapping[str, float], omega: Array, pairs: Sequence[tuple[int, int]], *, slopes: bool
-    ) -> tuple[ComplexArray, ComplexArray]:
+        self, values: Mapping[str, float], omega: Array, pairs: Pairs, *, slopes: bool
+    ) -> Responses:
         """Return the responses and derivatives of `paired_response`, from the modes in the band."""
         ends, where = self._ends(pairs)
         _, C, K = self.model.dense(values)
@@ -74,7 +74,7 @@ class _BandLimitedSystem(StructureSystem):
         H = factor * np.einsum("rp,lrp->lp", b[:, where[1]], motion[:, :, where[0]])
         return H, self._moved(values, omega, factor, (motion, where), lambda matrix: V.T @ matrix @ V)
 
-    def directions(self, pairs: Sequence[tuple[int, int]]) -> Array:
+    def directions(self, pairs: Pairs) -> Array:
         """Return the directions of forces, read-outs and unknown joints (any x n), for residual vectors."""
         return np.concatenate([self._ends(pairs)[0], self._joint_directions])
 
@@ -120,9 +120,7 @@ def _responses(k: Array, c: Array, b: Array, rows: Array, omega: Array) -> Compl
     return np.concatenate(blocks)
 
 
-def band_limited(
-    system: LinearSystem, omega: Array, pairs: Sequence[tuple[int, int]], band: float
-) -> _BandLimitedSystem | None:
+def band_limited(system: LinearSystem, omega: Array, pairs: Pairs, band: float) -> _BandLimitedSystem | None:
     """Return the system that a search works with; None where the whole one takes as little or less work."""
     if not isinstance(system, StructureSystem) or system.model.size < _MIN_DOFS:
         return None
@@ -131,11 +129,8 @@ def band_limited(
         size = limited.solved_size(omega, pairs)
     except np.linalg.LinAlgError:  # a motion has no mass
         return None
-    return (
-        limited
-        if size <= min(_MAX_BASIS_SHARE * system.model.size, system.solved_size(omega, pairs))
-        else None
-    )
+    most = min(_MAX_BASIS_SHARE * system.model.size, system.solved_size(omega, pairs))
+    return limited if size <= most else None
 
 
 def _band_basis(M: Array, K: Array, directions: Array, top: float) -> Array:

@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real
-from dynid.arrays import Array, ComplexArray
+from dynid.arrays import Array
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Node, Port, port_fault
 from dynid.bondgraph.parametric_equations import ParametricEquations
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular, UsageError
 from dynid.identification.records.simulation import Simulation
-from dynid.identification.systems.linear_system import LinearSystem, StateVariable
+from dynid.identification.systems.linear_system import LinearSystem, Responses, StateVariable
 from dynid.lti.signals import Impulse, Signal
 from dynid.lti.state_space import Matrices, StateSpace
 from dynid.lti.time_response import TimeResponse, propagate
@@ -365,7 +365,7 @@ class GraphSystem(LinearSystem):
                 reach[k] = min(reach[k], slowest * abs(sizes[row]) * spread)
         return np.where(reach > 0, reach, np.inf)
 
-    def response(self, values: Mapping[str, float], omega: Array) -> tuple[ComplexArray, ComplexArray]:
+    def response(self, values: Mapping[str, float], omega: Array) -> Responses:
         """Return frequency responses (L x channels x loads), and their derivatives by the values (… x p).
 
         They come from the reduction of the graph, which keeps its digits where a stiff state space does not;

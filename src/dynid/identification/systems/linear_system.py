@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,11 @@ from dynid.lti.signals import Signal
 from dynid.lti.state_space import Matrices, StateSpace
 from dynid.lti.time_response import TimeResponse
 from dynid.parameters import Parameter
+
+Pairs: TypeAlias = Sequence[tuple[int, int]]
+"""Pairs of a channel and a load, by their places."""
+Responses: TypeAlias = tuple[ComplexArray, ComplexArray]
+"""Responses at lines (L x …), and their derivatives by the values of the parameters (L x … x p)."""
 
 
 class StateVariable(NamedTuple):
@@ -115,13 +120,8 @@ class LinearSystem(ABC):
         return np.asarray(np.linalg.eigvals(rescaled(A, balance(A))), dtype=complex)
 
     def paired_response(
-        self,
-        values: Mapping[str, float],
-        omega: Array,
-        pairs: Sequence[tuple[int, int]],
-        *,
-        slopes: bool = True,
-    ) -> tuple[ComplexArray, ComplexArray]:
+        self, values: Mapping[str, float], omega: Array, pairs: Pairs, *, slopes: bool = True
+    ) -> Responses:
         """Return the responses of pairs of a channel and a load (L x pairs), and their derivatives (… x p).
 
         The derivatives are by the values of the parameters; without `slopes` there are none (p = 0).
@@ -139,11 +139,11 @@ class LinearSystem(ABC):
             :, channels, loads, :0
         ]
 
-    def solved_size(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> int:  # noqa: ARG002
+    def solved_size(self, omega: Array, pairs: Pairs) -> int:  # noqa: ARG002
         """Return the number of equations that an evaluation of responses solves at each line."""
         return len(self.states)
 
-    def response(self, values: Mapping[str, float], omega: Array) -> tuple[ComplexArray, ComplexArray]:
+    def response(self, values: Mapping[str, float], omega: Array) -> Responses:
         """Return frequency responses (L x channels x loads), and their derivatives by the values (… x p).
 
         With H = C (i omega - A)^-1 B + sum_k (i omega)^k D_k, and R = (i omega - A)^-1:

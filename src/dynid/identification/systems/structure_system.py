@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray, finite
 from dynid.errors import Singular, UsageError
-from dynid.identification.systems.linear_system import Affine, LinearSystem, StateVariable
+from dynid.identification.systems.linear_system import Affine, LinearSystem, Pairs, Responses, StateVariable
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.frequency_response import second_order_response
 from dynid.lti.state_space import Matrices
@@ -50,7 +50,7 @@ class StructureSystem(LinearSystem):
         self._driven = drive(model, loads, channels)
         self._shaken = any(load.dof is None for load in loads)
         self._lines: tuple[Any, CondensedLines | None] | None = None
-        self._last: tuple[Any, tuple[ComplexArray, ComplexArray]] | None = None
+        self._last: tuple[Any, Responses] | None = None
 
     def check(self) -> None:
         """Refuse a structure in which a motion has no mass: its displacements are no states.
@@ -160,13 +160,8 @@ class StructureSystem(LinearSystem):
         return np.asarray(np.linalg.eigvals(rescaled(A, balance(A))), dtype=complex)
 
     def paired_response(
-        self,
-        values: Mapping[str, float],
-        omega: Array,
-        pairs: Sequence[tuple[int, int]],
-        *,
-        slopes: bool = True,
-    ) -> tuple[ComplexArray, ComplexArray]:
+        self, values: Mapping[str, float], omega: Array, pairs: Pairs, *, slopes: bool = True
+    ) -> Responses:
         """Return the responses of pairs of a channel and a load, dH = -H dZ H on the dynamic stiffness Z.
 
         Raises Singular if a line lies on an undamped pole, to rounding.
@@ -177,8 +172,8 @@ class StructureSystem(LinearSystem):
         return self._last[1]
 
     def _evaluated(
-        self, values: Mapping[str, float], omega: Array, pairs: Sequence[tuple[int, int]], *, slopes: bool
-    ) -> tuple[ComplexArray, ComplexArray]:
+        self, values: Mapping[str, float], omega: Array, pairs: Pairs, *, slopes: bool
+    ) -> Responses:
         """Return the responses and derivatives of `paired_response`."""
         # One evaluation alone, without slopes as of a simulation, is not worth condensing for.
         condensed = self._condensed(omega, pairs) if slopes or self._lines is not None else None
@@ -194,13 +189,8 @@ class StructureSystem(LinearSystem):
         return H, moved
 
     def _whole_response(
-        self,
-        values: Mapping[str, float],
-        omega: Array,
-        pairs: Sequence[tuple[int, int]],
-        *,
-        slopes: bool,
-    ) -> tuple[ComplexArray, ComplexArray]:
+        self, values: Mapping[str, float], omega: Array, pairs: Pairs, *, slopes: bool
+    ) -> Responses:
         """Return the responses and derivatives of `paired_response` from solutions with all DOFs."""
         M, C, K = self.model.dense(values)
         ends, where = self._ends(pairs)
@@ -220,14 +210,14 @@ class StructureSystem(LinearSystem):
             return H, np.zeros((*H.shape, 0), dtype=complex)
         return H, self._moved(values, omega, factor, (solved, where))
 
-    def _ends(self, pairs: Sequence[tuple[int, int]]) -> tuple[Array, NDArray[np.intp]]:
+    def _ends(self, pairs: Pairs) -> tuple[Array, NDArray[np.intp]]:
         """Return the distinct directions (e x n), and the places of each pair's force and read-out there."""
         forces = self._driven.directions.T[[load for _, load in pairs]]
         rows = self._driven.rows[[channel for channel, _ in pairs]]
         ends, where = np.unique(np.concatenate([forces, rows]), axis=0, return_inverse=True)
         return ends, where.reshape(2, len(pairs))
 
-    def _factors(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> ComplexArray:
+    def _factors(self, omega: Array, pairs: Pairs) -> ComplexArray:
         """Return what makes responses of receptances (L x pairs)."""
         return np.asarray((1j * omega[:, None]) ** [self._driven.orders[channel] for channel, _ in pairs])
 
@@ -259,12 +249,12 @@ class StructureSystem(LinearSystem):
                 moved[..., k] -= factor * powers[letter][:, None] * products
         return moved
 
-    def solved_size(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> int:
+    def solved_size(self, omega: Array, pairs: Pairs) -> int:
         """Return the number of equations that an evaluation of responses solves at each line."""
         condensed = self._condensed(omega, pairs)
         return self.model.size if condensed is None else condensed.coordinates.count
 
-    def _condensed(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> CondensedLines | None:
+    def _condensed(self, omega: Array, pairs: Pairs) -> CondensedLines | None:
         """Return the lines condensed to what unknown parameters act on; None where that does not pay."""
         key = omega.tobytes(), tuple(pairs)
         if self._lines is None or self._lines[0] != key:
