@@ -123,7 +123,7 @@ def measure(folder: Path, client: Client) -> tuple[Costs, SampleOutcomes]:
     journal.close()
     target = folder / "f.h5"
     heading, rows = heading_of(plan, range(count), keys), Repeated(outcomes)
-    write = timed(lambda: write_study(target, heading, rows), 2)
+    write = timed(lambda: write_study(target, heading, rows.between), 2)
     message, byte = messages(client)
     costs = Costs(
         sample, prepare, message, code, byte, per_sample, sync, write / count,

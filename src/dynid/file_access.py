@@ -123,7 +123,6 @@ def remove_parts(folder: str | os.PathLike[str]) -> None:
 
 
 def _host() -> str:
-    """Return eight digits that stand for this host."""
     return sha256(platform.node().encode()).hexdigest()[:8]
 
 

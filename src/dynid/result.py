@@ -95,6 +95,16 @@ class Variable:
         )
 
 
+class VariableView(Variable):
+    """An array whose values are computed or read on request from its source."""
+
+    def __init__(
+        self, dims: tuple[str, ...], units: str, attrs: Mapping[str, Scalar], **source: object
+    ) -> None:
+        for key, value in {"dims": dims, "units": units, "attrs": attrs, **source}.items():
+            object.__setattr__(self, key, value)  # variables do not change
+
+
 def without_costs(attrs: Mapping[str, Scalar]) -> dict[str, Scalar]:
     """Return the attributes without costs, which are the same in every run."""
     return {name: value for name, value in attrs.items() if name not in COSTS}
@@ -122,7 +132,6 @@ def as_kept(data: ArrayLike) -> NDArray[Any]:
 
 
 def _stored_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """Return the type in which values of a type are kept."""
     kept = {
         "b": np.bool_,
         "i": np.int64,
@@ -228,7 +237,27 @@ class Result(Mapping[str, Variable]):
         UsageError
             Where the result holds no state equations, or an output differentiates an input.
         """
-        return _control_state_space(self)
+        import control
+
+        if f"{_STATE_SPACE}/A" not in self:
+            raise UsageError(
+                "the result holds no state equations", remedy="Add state_space to analysis.results."
+            )
+        names = {
+            axis: [str(name).replace(".", "_") for name in self[f"{_STATE_SPACE}/{axis}"].data]
+            for axis in ("state", "input", "output")
+        }
+        improper = self[f"{_STATE_SPACE}/feedthrough"].data[1:].any(axis=0)
+        for output, source in np.argwhere(improper):
+            raise UsageError(
+                f"output '{self[f'{_STATE_SPACE}/output'].data[output]}' follows a derivative of input "
+                f"'{self[f'{_STATE_SPACE}/input'].data[source]}': python-control has no such state space",
+                remedy="Request other outputs, or add the elements that limit them to the graph.",
+            )
+        matrices = (self[f"{_STATE_SPACE}/{name}"].data for name in "ABCD")
+        return control.StateSpace(
+            *matrices, states=names["state"], inputs=names["input"], outputs=names["output"]
+        )
 
     def to_xarray(self, group: str = "") -> xarray.Dataset:
         """Return the arrays of a group as a dataset of xarray, each dimension with its coordinate.
@@ -243,7 +272,29 @@ class Result(Mapping[str, Variable]):
         UsageError
             Where the result has no such group, or xarray is not installed.
         """
-        return _xarray_dataset(self, group)
+        try:
+            import xarray
+        except ImportError as error:
+            raise UsageError(
+                "datasets of xarray need xarray, which is not installed",
+                remedy="Install it: pip install 'dynid[xarray]'.",
+            ) from error
+
+        group = group.strip("/")
+        held = {path: variable for path, variable in self.items() if path.rpartition("/")[0] == group}
+        if not held:
+            raise UsageError(
+                f"the result has no arrays in '{group}'{did_you_mean_path(group, self)}",
+                remedy="`dynid show --all` lists every array.",
+            )
+        arrays = {path.rpartition("/")[2]: _xarray_variable(variable) for path, variable in held.items()}
+        for path, variable in held.items():
+            for dim, length in zip(variable.dims, variable.data.shape, strict=True):
+                axis = coordinate_path(self, path, dim) if dim not in arrays else None
+                if axis is not None and self[axis].data.size == length:
+                    arrays[dim] = _xarray_variable(self[axis])
+        attrs: dict[str, Any] = dict(self.group_attrs.get(group, {}))
+        return xarray.Dataset(arrays, attrs={"title": self.title, **attrs})
 
     def to_pandas(self, name: str) -> pandas.DataFrame:
         """Return a table of the result as a data frame of pandas.
@@ -400,14 +451,14 @@ class Selection(Result):
 
 @lru_cache(maxsize=4096)  # thousands of samples ask the same
 def _is_named(collect: tuple[str, ...], path: str) -> bool:
-    """Return True if an entry of `collect` may name an array."""
     if NUMBERS in collect and not GATHERED_ANYWAY.isdisjoint(path.split("/")):
         return True
-    return any(
-        path == wanted or path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)
-        for wanted in collect
-        if wanted != NUMBERS
-    )
+    return any(covers(wanted, path) for wanted in collect if wanted != NUMBERS)
+
+
+def covers(collected: str, path: str) -> bool:
+    """Return True if an entry of `collect`, a path, a group or a pattern, names a path."""
+    return path == collected or path.startswith(f"{collected}/") or fnmatchcase(path, collected)
 
 
 @lru_cache(maxsize=4096)
@@ -424,65 +475,20 @@ def _is_reached(collect: tuple[str, ...], group: str) -> bool:
     return False
 
 
+def coordinate_path(result: Mapping[str, Variable], path: str, dim: str) -> str | None:
+    """Return the path of the coordinate of an array's dimension, in its group or the nearest one above."""
+    while path:
+        path = path.rpartition("/")[0]
+        coordinate = f"{path}/{dim}" if path else dim
+        if coordinate in result and result[coordinate].dims == (dim,):
+            return coordinate
+    return None
+
+
 def common_unit(units: Iterable[str]) -> str:
     """Return the common unit of all, or ''."""
     different = set(units)
     return different.pop() if len(different) == 1 else ""
-
-
-def _control_state_space(result: Result) -> control.StateSpace:
-    """Return the state equations that a result holds (`Result.to_control`)."""
-    import control
-
-    if f"{_STATE_SPACE}/A" not in result:
-        raise UsageError("the result holds no state equations", remedy="Add state_space to analysis.results.")
-    names = {
-        axis: [str(name).replace(".", "_") for name in result[f"{_STATE_SPACE}/{axis}"].data]
-        for axis in ("state", "input", "output")
-    }
-    improper = result[f"{_STATE_SPACE}/feedthrough"].data[1:].any(axis=0)
-    for output, source in np.argwhere(improper):
-        raise UsageError(
-            f"output '{result[f'{_STATE_SPACE}/output'].data[output]}' follows a derivative of input "
-            f"'{result[f'{_STATE_SPACE}/input'].data[source]}': python-control has no such state space",
-            remedy="Request other outputs, or add the elements that limit them to the graph.",
-        )
-    matrices = (result[f"{_STATE_SPACE}/{name}"].data for name in "ABCD")
-    return control.StateSpace(
-        *matrices, states=names["state"], inputs=names["input"], outputs=names["output"]
-    )
-
-
-def _xarray_dataset(result: Result, group: str) -> xarray.Dataset:
-    """Return the arrays directly in a group, with the coordinates they use (`Result.to_xarray`)."""
-    try:
-        import xarray
-    except ImportError as error:
-        raise UsageError(
-            "datasets of xarray need xarray, which is not installed",
-            remedy="Install it: pip install 'dynid[xarray]'.",
-        ) from error
-
-    group = group.strip("/")
-    held = {path: variable for path, variable in result.items() if path.rpartition("/")[0] == group}
-    if not held:
-        raise UsageError(
-            f"the result has no arrays in '{group}'{did_you_mean_path(group, result)}",
-            remedy="`dynid show --all` lists every array.",
-        )
-    arrays = {path.rpartition("/")[2]: _xarray_variable(variable) for path, variable in held.items()}
-    for variable in held.values():
-        for dim, length in zip(variable.dims, variable.data.shape, strict=True):
-            above = group
-            while above and dim not in arrays:  # its coordinate in the nearest group above
-                above = above.rpartition("/")[0]
-                axis = result.get(f"{above}/{dim}" if above else dim)
-                if axis is not None and axis.dims == (dim,):
-                    if axis.data.size == length:
-                        arrays[dim] = _xarray_variable(axis)
-                    break
-    attrs: dict[str, Any] = dict(result.group_attrs.get(group, {}))
-    return xarray.Dataset(arrays, attrs={"title": result.title, **attrs})
 
 
 def _xarray_variable(variable: Variable) -> tuple[tuple[str, ...], Any, dict[str, Any]]:

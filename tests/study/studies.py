@@ -28,7 +28,7 @@ def write(path, columns, values, failed=(), expectations=None, complete=True, **
     """
     count = len(next(iter(columns.values())))
     rows = [outcome(row, values, failed, expectations) for row in range(count)]
-    write_study(path, heading(columns, **more), SampleOutcomes.of(rows), complete)
+    write_study(path, heading(columns, **more), SampleOutcomes.of(rows).between, complete)
 
 
 def outcome(row, values, failed, expectations):

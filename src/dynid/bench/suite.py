@@ -162,10 +162,7 @@ def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[
         if alternative.name not in done:
             continue
         here, rows = f"{group}/{alternative.name}", done[alternative.name]
-        result.add_axis(f"{here}/size", [figure.size for figure in rows])
-        for column, units in (("time", "s"), ("memory", "B"), ("error", "")):
-            values = np.array([getattr(figure, column) for figure in rows], dtype=float)
-            result.add(f"{here}/{column}", values, ("size",), units)
+        add_figures(result, here, rows)
         is_default = [
             case.default is not None and case.default(figure.size) == alternative.name for figure in rows
         ]
@@ -175,8 +172,15 @@ def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[
         result.annotate(here, peer=alternative.peer, **({} if power is None else {"exponent": power}))
 
 
+def add_figures(result: Result, group: str, rows: Sequence[BenchmarkFigure], *, errors: bool = True) -> None:
+    """Add the figures of one alternative, with their sizes, and with errors if they are known."""
+    result.add_axis(f"{group}/size", [figure.size for figure in rows])
+    for column, units in ({"time": "s", "memory": "B"} | ({"error": ""} if errors else {})).items():
+        values = np.array([getattr(figure, column) for figure in rows], dtype=float)
+        result.add(f"{group}/{column}", values, ("size",), units)
+
+
 def _failures(case: Benchmark, figures: Mapping[str, list[BenchmarkFigure]]) -> str:
-    """Return the failures, with their sizes, as text."""
     return "; ".join(
         f"{name} at {case.size} {row.size:,}: {row.failed}"
         for name, rows in figures.items()

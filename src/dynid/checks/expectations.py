@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid.checks.comparison import RTOL, as_array, close, word, words_of
 from dynid.number_format import general
-from dynid.result import Result, Scalar, Variable
+from dynid.result import Result, Scalar, Variable, coordinate_path
 from dynid.suggestions import did_you_mean, did_you_mean_path, shortened
 
 
@@ -56,15 +56,10 @@ class LabelledAxis:
 
 def axis_of(result: Mapping[str, Variable], path: str, dim: str, length: int) -> LabelledAxis:
     """Return a dimension of an array, with the coordinate in its group or the nearest one above."""
-    group = path
-    while group:
-        group = group.rpartition("/")[0]
-        coordinate = result.get(f"{group}/{dim}" if group else dim)
-        if coordinate is not None and coordinate.dims == (dim,):
-            if coordinate.shape == (length,) and not coordinate.dtype.names:
-                return LabelledAxis(dim, coordinate.data, coordinate.units)
-            break
-    return LabelledAxis(dim, np.arange(1, length + 1))
+    coordinate = result.get(coordinate_path(result, path, dim) or "")
+    if coordinate is None or coordinate.shape != (length,) or coordinate.dtype.names:
+        return LabelledAxis(dim, np.arange(1, length + 1))
+    return LabelledAxis(dim, coordinate.data, coordinate.units)
 
 
 def check_expectations(result: Result, expectations: Iterable[Mapping[str, Any]]) -> list[CheckOutcome]:

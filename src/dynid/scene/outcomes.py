@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.result import GATHERED_ANYWAY, NUMBERS, Result, Variable
+from dynid.result import GATHERED_ANYWAY, NUMBERS, Result, Variable, coordinate_path
 from dynid.suggestions import did_you_mean_path
 
 Indices = NDArray[np.intp]
@@ -227,15 +227,8 @@ def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str
     """
     chosen = dict.fromkeys(_selected_paths(result, collect))
     for path in list(chosen):
-        for dim in result[path].dims:  # its coordinate is in the same group, or in the nearest one above
-            group = path
-            while group:
-                group = group.rpartition("/")[0]
-                coordinate = f"{group}/{dim}" if group else dim
-                if coordinate in result:
-                    if result[coordinate].dims == (dim,):
-                        chosen[coordinate] = None
-                    break
+        coordinates = (coordinate_path(result, path, dim) for dim in result[path].dims)
+        chosen |= {coordinate: None for coordinate in coordinates if coordinate is not None}
     return {path: result[path] for path in chosen}
 
 

@@ -76,7 +76,6 @@ def answer_json(result: Result, warnings: Sequence[str]) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as JSON can hold it."""
     if isinstance(value, list):
         return [_plain(item) for item in value]
     if isinstance(value, complex):
@@ -118,7 +117,6 @@ def matlab_file(result: Result) -> bytes:
 
 
 def _reductions(result: Result) -> dict[str, dict[str, NDArray[Any]]]:
-    """Return the matrices of every reduction, by the name it has in the result."""
     matrices_of_methods: dict[str, dict[str, NDArray[Any]]] = {}
     for path in result:
         top, _, rest = path.partition("/")

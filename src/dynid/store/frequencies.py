@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.result import Variable
+from dynid.result import Variable, VariableView
 from dynid.units import FrequencyUnit
 
 #: Names of arrays of frequencies, and of groups that hold one with its limits. Angular velocities are none.
@@ -34,21 +34,14 @@ def in_unit(path: str, variable: Variable, unit: FrequencyUnit) -> Variable:
     return _Scaled(variable, unit)
 
 
-class _Scaled(Variable):
+class _Scaled(VariableView):
     """An array of frequencies in another unit; values are converted when they are read."""
 
     _base: Variable
     _factor: float
 
     def __init__(self, base: Variable, unit: FrequencyUnit) -> None:
-        for key, value in (
-            ("dims", base.dims),
-            ("units", unit.name),
-            ("attrs", base.attrs),
-            ("_base", base),
-            ("_factor", unit.factor),
-        ):
-            object.__setattr__(self, key, value)  # variables do not change
+        super().__init__(base.dims, unit.name, base.attrs, _base=base, _factor=unit.factor)
 
     @property
     def data(self) -> NDArray[Any]:

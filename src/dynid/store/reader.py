@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import FileError
 from dynid.hdf5 import Refused, check_stored
-from dynid.result import REJECTED, Result, Scalar, Variable, as_kept
+from dynid.result import REJECTED, Result, Scalar, Variable, VariableView, as_kept
 
 #: Format of the files that are written.
 CURRENT = 1
@@ -49,7 +49,7 @@ def reading(name: str) -> Iterator[None]:
         raise FileError(problem, remedy="Run its scene again.", names=[name]) from error
 
 
-class StoredVariable(Variable):
+class StoredVariable(VariableView):
     """An array that stays in its open file: values are read on request, and not kept."""
 
     _dataset: Any
@@ -57,14 +57,8 @@ class StoredVariable(Variable):
 
     def __init__(self, dataset: Any, path: str, name: str) -> None:
         _check_stored(dataset, path, name)
-        for key, value in (
-            ("dims", _dims(dataset)),
-            ("units", str(dataset.attrs.get("units", ""))),
-            ("attrs", _attrs(dataset)),
-            ("_dataset", dataset),
-            ("_file", name),
-        ):
-            object.__setattr__(self, key, value)  # variables do not change
+        units = str(dataset.attrs.get("units", ""))
+        super().__init__(_dims(dataset), units, _attrs(dataset), _dataset=dataset, _file=name)
 
     @property
     def data(self) -> NDArray[Any]:

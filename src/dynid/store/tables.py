@@ -9,17 +9,17 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import FileError, UsageError
 from dynid.file_access import replacing
-from dynid.result import Result, Variable
+from dynid.result import Result, Variable, coordinate_path
 from dynid.suggestions import printable
 
 ColumnKind = Literal["number", "integer", "truth", "text"]
@@ -35,20 +35,14 @@ class TableColumn:
     units: str = ""
 
 
-class _RowBatches(Protocol):
-    """Returns the rows of a table in batches: for every column an array of the same length."""
-
-    def __call__(self) -> Iterator[list[NDArray[Any]]]:
-        """Return an iterator that starts at the first row."""
-
-
 @dataclass(frozen=True)
 class ExportTable:
     """Named columns with units, whose rows come in batches; NaN and the empty text mark missing values."""
 
     name: str  # without slashes
     fields: tuple[TableColumn, ...]
-    batches: _RowBatches
+    #: Returns its rows from the first one on, in batches: for every column an array of the same length.
+    batches: Callable[[], Iterator[list[NDArray[Any]]]]
     attrs: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -108,12 +102,10 @@ def _table(
     result: Result, group: str, dims: tuple[str, ...], members: Sequence[NamedArray], several: bool
 ) -> ExportTable:
     shape = members[0][1].shape
-    columns_of_table = [
-        (name, variable) for name, variable in members if variable.shape == shape and (name,) != dims
-    ]
+    columns = [(name, variable) for name, variable in members if variable.shape == shape and (name,) != dims]
     axes = [_axis(result, group, dim, length) for dim, length in zip(dims, shape, strict=True)]
     fields = [TableColumn(dim, kind_of(axis.dtype), axis.units) for dim, axis in zip(dims, axes, strict=True)]
-    for name, variable in columns_of_table:
+    for name, variable in columns:
         fields += parts_of(name, variable.dtype, variable.units)
     names = unique([field.name for field in fields])
     fields = [replace(field, name=name) for field, name in zip(fields, names, strict=True)]
@@ -124,7 +116,7 @@ def _table(
 
     def batches() -> Iterator[list[NDArray[Any]]]:
         if not shape:
-            yield [array for _, variable in columns_of_table for array in split(variable.data)]
+            yield [array for _, variable in columns for array in split(variable.data)]
             return
         below = math.prod(shape[1:])
         step = max(1, _VALUES // max(1, below))
@@ -133,7 +125,7 @@ def _table(
             entries = np.indices((stop - start, *shape[1:])).reshape(len(shape), -1)  # the last axis fastest
             yield [
                 *(axis[at] for axis, at in zip((labels[0][start:stop], *labels[1:]), entries, strict=True)),
-                *(array for _, variable in columns_of_table for array in split(variable.rows(start, stop))),
+                *(array for _, variable in columns for array in split(variable.rows(start, stop))),
             ]
 
     return ExportTable(
@@ -143,17 +135,10 @@ def _table(
 
 def _axis(result: Result, group: str, dim: str, length: int) -> Variable:
     """Return the coordinate of a dimension in its group or the nearest one above, else numbers from 1."""
-    holder = group
-    while True:
-        axis = result.get(f"{holder}/{dim}" if holder else dim)
-        if axis is not None and axis.dims == (dim,):
-            if axis.shape == (length,) and not axis.dtype.names and axis.dtype.kind != "c":
-                return axis
-            break
-        if not holder:
-            break
-        holder = holder.rpartition("/")[0]
-    return Variable((dim,), np.arange(1, length + 1))
+    axis = result.get(coordinate_path(result, f"{group}/", dim) or "")
+    if axis is None or axis.shape != (length,) or axis.dtype.names or axis.dtype.kind == "c":
+        return Variable((dim,), np.arange(1, length + 1))
+    return axis
 
 
 def unique(names: Sequence[str]) -> list[str]:

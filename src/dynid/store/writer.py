@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dynid.file_access import descriptor_of, read_at, write_at
-from dynid.result import Result, Scalar, Variable
+from dynid.result import Result, Scalar, Variable, coordinate_path
 from dynid.store.reader import OWN_ATTRS, SCALE_ATTRS
 
 _MAX_ATTACHED = 4000  # HDF5 lists what is attached to a scale in an attribute of at most 64 KiB
@@ -91,14 +91,10 @@ class ArrayWriter:
     def _scale(self, path: str, dim: str, length: int, used: list[str]) -> str:
         """Return the coordinate of a dimension in the nearest group, else a scale of entry numbers."""
         group = path.rpartition("/")[0]
-        for holder in _groups_above(group):
-            coordinate = _join(holder, dim)
-            variable = self.result.get(coordinate)
-            if variable is not None and _is_coordinate(coordinate, variable):
-                if variable.data.size == length and self._is_free(coordinate, used):
-                    return coordinate
-                break
-        scale_path = _join(group, dim)
+        coordinate = coordinate_path(self.result, path, dim)
+        if coordinate and self.result[coordinate].data.size == length and self._is_free(coordinate, used):
+            return coordinate
+        scale_path = f"{group}/{dim}" if group else dim
         _check_name(scale_path)
         name, count = scale_path, 1
         while name in self._taken:
@@ -137,10 +133,6 @@ def _groups_above(group: str) -> Iterator[str]:
         yield group
         group = group.rpartition("/")[0]
     yield ""
-
-
-def _join(group: str, name: str) -> str:
-    return f"{group}/{name}" if group else name
 
 
 def _stored_type(dtype: np.dtype[Any]) -> np.dtype[Any]:

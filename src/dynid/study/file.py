@@ -16,11 +16,11 @@ import errno
 import os
 import socket
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from dynid.result import Result, Scalar, Variable
 from dynid.scene.outcomes import SampleBlock, is_shared, row_of
 from dynid.store import hollow, write_blocks
 from dynid.study.analysis.sample_statistics import computed, declare
-from dynid.study.analysis.table import RESULTS, SAMPLES
+from dynid.study.analysis.table import RESULTS, SAMPLES, statuses
 
 #: Errors of file systems without locks, such as some network file systems.
 _WITHOUT_LOCKS = frozenset({errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP})
@@ -168,7 +168,6 @@ def _common(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any] | None:
 
 _BLOCK_BYTES = 32 * 2**20
 _BLOCK_ROWS = 4096
-_STATUS = np.array(["pending", "done", "failed"], dtype=object)
 
 
 @dataclass(frozen=True)
@@ -186,11 +185,8 @@ class StudyHeading:
     folder: str = "."  # to which relative paths in the scene refer
 
 
-class Rows(Protocol):
-    """Source of the outcomes of a study, row by row."""
-
-    def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
-        """Yield the finished samples of rows start … stop - 1, in any order."""
+#: Yields the finished samples of rows start … stop - 1, in any order.
+Rows = Callable[[int, int], Iterator[SampleBlock]]
 
 
 def write_study(
@@ -205,7 +201,7 @@ def write_study(
     """
     count, layout = len(heading.numbers), Layout()
     for start in range(0, count, _BLOCK_ROWS):
-        for block in outcomes.between(start, min(start + _BLOCK_ROWS, count)):
+        for block in outcomes(start, min(start + _BLOCK_ROWS, count)):
             layout.add(block)
     root: dict[str, Scalar] = {"scene": heading.text, "seed": heading.seed, "folder": heading.folder}
     result = Result("study", heading.title, root)
@@ -231,7 +227,7 @@ def _blocks(heading: StudyHeading, layout: Layout, outcomes: Rows) -> Iterator[t
         stop = min(start + size, len(heading.numbers))
         keys = [key.tobytes().hex() for key in heading.keys[start:stop]]
         yield "study/key", start, np.array(keys, dtype=object)
-        for name, rows in _rows(layout, outcomes.between(start, stop), start, stop).items():
+        for name, rows in _rows(layout, outcomes(start, stop), start, stop).items():
             yield name, start, rows
 
 
@@ -255,7 +251,7 @@ def _rows(layout: Layout, blocks: Iterator[SampleBlock], start: int, stop: int) 
                 data[array.path][(own_rows, *within)] = column.data
             if array.path in lengths:
                 lengths[array.path][own_rows] = column.data.shape[1:]
-    columns = {"study/status": _STATUS[np.sign(codes) + 1], "study/error": errors, "study/exit_code": codes}
+    columns = {"study/status": statuses(codes), "study/error": errors, "study/exit_code": codes}
     columns |= {f"study/expect/{number}": column for number, column in enumerate(met)}
     columns |= {f"{RESULTS}/{path}": rows for path, rows in data.items()}
     return columns | {f"{RESULTS}/{path}_length": rows for path, rows in lengths.items()}

@@ -243,7 +243,6 @@ class Journal:
         raise FileError(problem, remedy=remedy, names=[self.path])
 
     def _index(self, offset: int, payload: bytes) -> None:
-        """Add a record to the index."""
         keys = _keys_of(payload)
         count = len(keys) // SIZE
         self._offsets.append(offset)
@@ -279,7 +278,6 @@ class _Scan:
             offset = following
 
     def _next(self, begin: int) -> int:
-        """Return the place of the next valid record, or the end of the file."""
         with mmap.mmap(self._descriptor, 0, access=mmap.ACCESS_READ) as content:
             for mark in _MARK.finditer(content, begin):
                 offset = mark.start() - _BEFORE - int(mark[1]) * (SIZE + 1)
@@ -336,7 +334,6 @@ def _valid_payload(descriptor: int, offset: int, end: int) -> bytes | None:
 
 
 def _is_whole(payload: bytes, check: int) -> bool:
-    """Return whether a payload has the given CRC and is long enough for its number of keys."""
     if len(payload) <= _COUNT.size or zlib.crc32(payload) != check:
         return False
     (count,) = _COUNT.unpack_from(payload)

@@ -130,7 +130,6 @@ def _with_text_keys(value: Any) -> Any:
 
 
 def _texts(value: Any) -> Iterator[str]:
-    """Yield every text in plain data."""
     stack = [value]
     while stack:
         entry = stack.pop()
@@ -143,7 +142,6 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def _files(folder: Path, texts: Iterator[str]) -> list[Path]:
-    """Return the files that texts name, sorted."""
     files = set()
     for text in texts:
         try:

@@ -70,7 +70,7 @@ def merge_studies(
                     remedy="Write another file with -o, or discard them with --force.",
                     names=[os.fspath(target)],
                 )
-        write_study(target, heading, rows, complete=not len(missing))
+        write_study(target, heading, rows.between, complete=not len(missing))
         return len(rows.numbers)
 
 

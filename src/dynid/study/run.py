@@ -221,7 +221,7 @@ def run_study(
 def _write(name: str, heading: StudyHeading, run: Run, complete: bool = True) -> None:
     """Write the file; an error of it mentions the journal that holds the finished samples."""
     try:
-        write_study(name, heading, run, complete)
+        write_study(name, heading, run.between, complete)
     except FileError as error:
         remedy = (
             f"{run.journal.path} holds {counted(run.progress.finished, 'finished sample')}. "
@@ -235,14 +235,17 @@ def foreign_samples(name: str, keys: Keys) -> int:
 
     Failed samples of the file hold nothing that would be lost, and are not counted.
     """
-    finished = [finished_keys(name, failed=False)] if Path(name).exists() else []
+    return int(np.sum(found_in(keys, _finished(name, failed=False)) < 0))
+
+
+def _finished(name: str, *, failed: bool = True) -> Keys:
+    """Return the distinct keys of the finished samples of a file and its journal."""
+    keys = [np.empty((0, SIZE), np.uint8)]
+    if Path(name).exists():
+        keys.append(finished_keys(name, failed=failed))
     if Path(journal_name(name)).exists():
-        finished.append(Journal.read_keys(journal_name(name)))
-    finished = [some for some in finished if len(some)]
-    if not finished:
-        return 0
-    distinct = np.unique(np.concatenate(finished), axis=0)
-    return int(np.sum(found_in(keys, distinct) < 0))
+        keys.append(Journal.read_keys(journal_name(name)))
+    return np.unique(np.concatenate(keys), axis=0)
 
 
 def finished_keys(name: str, *, failed: bool = True) -> Keys:
@@ -316,10 +319,4 @@ def valid_samples(plan: Plan, target: str | os.PathLike[str], shard: tuple[int, 
     The files are only read, without a lock.
     """
     name = os.fspath(target)
-    keys = sample_keys(plan, shard_of(plan, shard))
-    finished = np.zeros(len(keys), dtype=bool)
-    if Path(name).exists():
-        finished |= found_in(finished_keys(name), keys) >= 0
-    if Path(journal_name(name)).exists():
-        finished |= found_in(Journal.read_keys(journal_name(name)), keys) >= 0
-    return int(finished.sum())
+    return int(np.sum(found_in(_finished(name), sample_keys(plan, shard_of(plan, shard))) >= 0))

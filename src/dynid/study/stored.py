@@ -15,7 +15,7 @@ from dynid.errors import FileError
 from dynid.result import Result, Variable
 from dynid.scene.outcomes import SampleBlock
 from dynid.store import open_stored
-from dynid.study.analysis.table import RESULTS, SAMPLES
+from dynid.study.analysis.table import RESULTS, SAMPLES, lengths_of
 from dynid.study.keys import Keys
 
 _BLOCK_VALUES = 2**21
@@ -48,7 +48,7 @@ class StudyFile:
         self.numbers: NDArray[np.int64] = result["study/sample"].data
         self._expectations = sum(path.startswith("study/expect/") for path in result)
         arrays = [path for path in result if path.startswith(f"{RESULTS}/")]
-        lengths = {_lengths_of(path, result[path]) for path in arrays}
+        lengths = {lengths_of(path, result[path]) for path in arrays}
         self._arrays = [path for path in arrays if path not in lengths]
         self._shared: dict[str, Variable] = {}
         for path in self._arrays:
@@ -103,7 +103,7 @@ class StudyFile:
             lengths = {
                 path: self.result[name].rows(begin, end)
                 for path in rows
-                if (name := _lengths_of(path, self.result[path])) is not None
+                if (name := lengths_of(path, self.result[path])) is not None
             }
             groups = np.zeros(len(done), dtype=np.intp)  # of samples whose arrays have equal lengths
             if lengths:
@@ -136,9 +136,3 @@ class StudyFile:
             attrs = {key: value for key, value in variable.attrs.items() if key not in ("stored", "lengths")}
             values[name] = Variable(variable.dims, data, variable.units, attrs)
         return values
-
-
-def _lengths_of(path: str, variable: Variable) -> str | None:
-    """Return the path of the lengths of a padded array; None for another one."""
-    name = variable.attrs.get("lengths")
-    return None if name is None else f"{path.rpartition('/')[0]}/{name}"

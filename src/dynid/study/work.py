@@ -154,7 +154,6 @@ def unpacked(content: bytes) -> SampleOutcomes:
 
 
 def _is_one_row(data: NDArray[Any]) -> bool:
-    """Return whether all rows are equal, bit by bit."""
     if is_shared(data) or len(data) == 1:
         return True
     if data.dtype.kind == "O":
@@ -165,8 +164,6 @@ def _is_one_row(data: NDArray[Any]) -> bool:
 
 
 class _Reader:
-    """Reader of successive arrays from bytes."""
-
     def __init__(self, content: bytes, begin: int) -> None:
         self.content, self.place = content, begin
 

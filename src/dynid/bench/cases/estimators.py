@@ -184,7 +184,6 @@ def _imbedding(this: SuspensionRecord, substeps: int) -> Any:
 
 @lru_cache(maxsize=4)
 def _exact_pass(samples: int) -> Pass:
-    """Return the pass that is linearised at every sample."""
     return _passed(case(samples), "1", 0.0)
 
 

@@ -43,7 +43,6 @@ def _error(omega: Any, true: Any) -> float:
 
 
 def _default(task: tuple[Any, Any, int]) -> str:
-    """Return the solver chosen by default."""
     from dynid.structure.modes import solver_for
 
     K, _, count = task

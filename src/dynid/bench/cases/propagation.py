@@ -12,19 +12,16 @@ from dynid.defaults import HOLD
 
 _SAMPLE_STEP = 0.002
 _OMEGA = (70.0, 110.0, 250.0)  # rad/s
-_MASSES = (2.0, 2.0, 1.5, 1.0, 1.0)
-_LINKS = (((0,), 2e4), ((0, 1), 3e4), ((1, 2), 2e4), ((2, 3), 2e4), ((3, 4), 2e4))
 
 
 @lru_cache(maxsize=1)
 def _second_order() -> tuple[Any, Any, Any]:
     """Return M, C, K of Yang's suspension; each damper is a thousandth of its spring."""
-    K = np.zeros((5, 5))
-    for dofs, k in _LINKS:
-        row = np.zeros(5)
-        row[list(dofs)] = [1.0, -1.0][: len(dofs)]
-        K += k * np.outer(row, row)
-    return np.diag(_MASSES), 1e-3 * K, K
+    from dynid.structure.lumped import Link, lumped
+
+    springs = {(1,): 2e4, (1, 2): 3e4, (2, 3): 2e4, (3, 4): 2e4, (4, 5): 2e4}
+    links = [Link(dofs, k, k / 1000) for dofs, k in springs.items()]
+    return lumped((2.0, 2.0, 1.5, 1.0, 1.0), links).dense()
 
 
 @lru_cache(maxsize=1)

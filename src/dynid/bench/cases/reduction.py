@@ -157,7 +157,6 @@ def _with_residuals(count: int, residuals: Any) -> Any:
 
 
 def _largest(_: int, result: Any) -> float:
-    """Return the largest magnitude of relative errors."""
     return float(abs(result).max())
 
 

@@ -123,7 +123,6 @@ def _run(scene: str) -> tuple[Alternative, ...]:
 
 
 def _modules(_: int, arguments: Any) -> float:
-    """Return the number of modules that the command imports."""
     command = [sys.executable, "-X", "importtime", *arguments]
     said = subprocess.run(command, cwd=_folder(), check=True, capture_output=True, text=True).stderr
     return float(sum(line.startswith("import time:") for line in said.splitlines()) - 1)  # less the heading

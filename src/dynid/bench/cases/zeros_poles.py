@@ -97,7 +97,6 @@ def _control_alone(stages: int) -> Any:
 
 
 def _control_tf(stages: int) -> Any:
-    """Convert to polynomials with control, and take their roots."""
     import control
 
     transfer = control.tf(control.ss(*matrices(stages)))
@@ -169,7 +168,6 @@ _true_roots_of_mesh = lru_cache(maxsize=2)(_by_engine(_mesh, "exact"))
 
 
 def _engine_for_mesh(side: int) -> str:
-    """Return the engine that is chosen by default for a mesh."""
     looped = (side - 1) ** 2 > MANY_LOOPS.value
     limit = EXACT_ROOTS_ON_LOOPS if looped else EXACT_ROOTS
     return "exact" if 3 * side**2 - 2 * side <= limit.value else "float"
@@ -201,7 +199,6 @@ def _pencil(size: int) -> tuple[Any, Any]:
 
 
 def _certified(pencil: tuple[Any, Any], *, sparse: bool) -> Any:
-    """Return certified eigenvalues, refined by dense or by sparse factors."""
     from dynid.lti.pencil.eigenvalues import finite_eigenvalues
 
     return finite_eigenvalues(*pencil, sparse=sparse).values

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self, TypeAlias
 import numpy as np
 
 from dynid.bench.scenes.aspects import Aspect
-from dynid.bench.suite import BenchmarkFigure, pareto
+from dynid.bench.suite import BenchmarkFigure, add_figures, pareto
 from dynid.errors import DynidError
 from dynid.result import Result
 from dynid.scene.kind import KINDS
@@ -202,18 +202,11 @@ def _add(result: Result, group: str, aspect: Aspect, tries: Mapping[Key, _Try]) 
         if not keys:
             continue
         here = f"{group}/{name}"
-        result.add_axis(f"{here}/size", [size for _, size in keys])
-        columns = {
-            column: [getattr(figures[key], column) for key in keys] for column in ("time", "memory", "error")
-        }
-        if np.isnan(columns["error"]).any():
-            del columns["error"]
+        rows = [figures[key] for key in keys]
+        add_figures(result, here, rows, errors=not any(np.isnan(row.error) for row in rows))
         bounds = [bound for key in keys if (bound := aspect.least_error(results[key])) is not None]
         if len(bounds) == len(keys):
-            columns["bound"] = bounds
-        for column, values in columns.items():
-            units = {"time": "s", "memory": "B"}.get(column, "")
-            result.add(f"{here}/{column}", np.array(values, dtype=float), ("size",), units)
+            result.add(f"{here}/bound", np.array(bounds, dtype=float), ("size",))
         result.add(f"{here}/runs", [len(tries[key].times) for key in keys], ("size",))
         result.add(f"{here}/pareto", [replace(figures[key], size=0) in front for key in keys], ("size",))
         result.add(f"{here}/chosen", [key in aspect.chosen for key in keys], ("size",))
@@ -243,7 +236,6 @@ def _load_aspects(source: Source) -> None:
 
 
 def _measured(aspect: str, key: Key) -> _TrialResult:
-    """Run an alternative in this process."""
     points = _ASPECTS[aspect].points
     chosen = next(alternative for alternative, size in points if (alternative.name, size) == key)
     try:

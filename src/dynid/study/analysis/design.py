@@ -118,7 +118,6 @@ _DECADE = 10.0
 
 
 def _is_even(values: Array) -> bool:
-    """Return True if ascending values are evenly spaced."""
     steps = np.diff(values)
     return bool(np.ptp(steps) <= 1e-6 * np.abs(steps).max())
 

@@ -116,7 +116,6 @@ def classes(x: NDArray[Any]) -> NDArray[np.intp]:
 
 
 def _varies(variance: float, mean: float) -> bool:
-    """Return whether a variance exceeds the round-off of equal values."""
     return bool(variance > (4 * np.finfo(float).eps * abs(mean)) ** 2)
 
 

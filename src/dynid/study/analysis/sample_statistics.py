@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array
-from dynid.result import Result
+from dynid.result import Result, coordinate_path
 from dynid.study.analysis.table import RESULTS, STATISTICS, StudyTable, as_numbers
 
 #: Fraction of the ordered samples below each quantile.
@@ -100,15 +100,10 @@ def declare(result: Result) -> None:
     for path in filter(table.is_number, table.paths):
         variable = table.variable(path)
         dims, shape = variable.dims[1:], variable.shape[1:]
-        for dim in dims:  # copy the coordinates, so that the group is complete in itself
-            group = path
-            while group and dim not in NAMES:
-                group = group.rpartition("/")[0]
-                coordinate = result.get(f"{RESULTS}/{group}/{dim}" if group else f"{RESULTS}/{dim}")
-                if coordinate is not None:
-                    if coordinate.dims == (dim,) and f"{STATISTICS}/{path}/{dim}" not in result:
-                        result.put(f"{STATISTICS}/{path}/{dim}", coordinate)
-                    break
+        for dim in dict.fromkeys(dims):  # the coordinates, so that the group is complete in itself
+            coordinate = None if dim in NAMES else coordinate_path(result, f"{RESULTS}/{path}", dim)
+            if coordinate is not None:
+                result.put(f"{STATISTICS}/{path}/{dim}", result[coordinate])
         attrs = {"of": "magnitude"} if variable.dtype.kind == "c" else {}
         for name in NAMES:
             values = np.zeros(shape, np.int64 if name == "count" else np.float64)

@@ -9,7 +9,6 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from dynid.checks.comparison import word
 from dynid.checks.expectations import LabelledAxis, axis_of
 from dynid.errors import DynidError, UsageError
-from dynid.result import Result, Variable
+from dynid.result import Result, Variable, covers
 from dynid.scene.schema.raw import unit_of_frequencies
 from dynid.scene.yaml.source import parse_source
 from dynid.store.frequencies import in_unit
@@ -43,6 +42,17 @@ class StudyColumn:
     name: str
     units: str
     values: NDArray[np.float64]
+
+
+def statuses(exit_codes: NDArray[np.int64]) -> NDArray[Any]:
+    """Return the status of samples by their exit codes: pending (-1), done (0) or failed."""
+    return np.array(["pending", "done", "failed"], dtype=object)[np.sign(exit_codes) + 1]
+
+
+def lengths_of(path: str, variable: Variable) -> str | None:
+    """Return the path of the lengths of a padded array; None for another one."""
+    name = variable.attrs.get("lengths")
+    return None if name is None else f"{path.rpartition('/')[0]}/{name}".strip("/")
 
 
 class StudyTable:
@@ -101,16 +111,12 @@ class StudyTable:
         quantities = {
             path: variable for path, variable in variables.items() if variable.dims[:1] == ("sample",)
         }
-        lengths = {
-            f"{path.rpartition('/')[0]}/{variable.attrs['lengths']}".strip("/")
-            for path, variable in quantities.items()
-            if "lengths" in variable.attrs
-        }
+        lengths = {lengths_of(path, variable) for path, variable in quantities.items()}
         collected = [str(path_or_group).strip("/") for path_or_group in self._scene.get("collect") or ()]
         return sorted(
             (path for path in quantities if path not in lengths),
             key=lambda path: next(
-                (k for k, path_or_group in enumerate(collected) if _covers(path_or_group, path)),
+                (k for k, path_or_group in enumerate(collected) if covers(path_or_group, path)),
                 len(collected),
             ),
         )
@@ -127,7 +133,6 @@ class StudyTable:
 
     @cached_property
     def _frequency_unit(self) -> FrequencyUnit:
-        """The unit of frequencies in the scene that the study varies."""
         base = None if self._stored else self.result.get("study/scene")
         try:
             return RADIANS if base is None else unit_of_frequencies(parse_source(str(base.data)).data)
@@ -154,12 +159,12 @@ class StudyTable:
             for dim, length in zip(variable.dims[1:], variable.shape[1:], strict=True)
         ]
         unit = self._frequency_unit
-        return [
-            replace(axis, labels=_in_decimals(axis.labels * unit.factor), units=unit.name)
-            if axis.units == RADIANS.name and unit.factor != 1
-            else axis
-            for axis in axes
-        ]
+        for index, axis in enumerate(axes):
+            if axis.units == RADIANS.name and unit.factor != 1:
+                # As a scene has them, without the last two digits, which converted units change.
+                labels = np.array([float(f"{label * unit.factor:.14g}") for label in axis.labels])
+                axes[index] = replace(axis, labels=labels, units=unit.name)
+        return axes
 
     def columns(self, path: str) -> Iterator[StudyColumn]:
         """Yield the number at a path, or every entry of an array of numbers, as columns."""
@@ -201,18 +206,7 @@ class StudyTable:
         )
 
 
-def _in_decimals(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return numbers as a scene has them, without the last two digits, which converted units change."""
-    return np.array([float(f"{value:.14g}") for value in values])
-
-
-def _covers(collected: str, path: str) -> bool:
-    """Return True if an entry of `collect`, a path, a group or a pattern, names a path."""
-    return path == collected or path.startswith(f"{collected}/") or fnmatchcase(path, collected)
-
-
 def _below(result: Result, group: str) -> list[str]:
-    """Return the paths below a group, relative to it."""
     return [path.removeprefix(f"{group}/") for path in result if path.startswith(f"{group}/")]
 
 
@@ -268,7 +262,6 @@ def failures(table: StudyTable) -> list[_Failure]:
 #: Most columns of the table.
 MOST_COLUMNS = 16_384
 _EXPORTED = 2**20  # values in memory at a time
-_STATUS = np.array(["pending", "done", "failed"], dtype=object)
 _STORED: dict[str, ColumnKind] = {"bool": "truth", "int64": "integer"}
 
 
@@ -309,7 +302,7 @@ def flat_table(table: StudyTable, name: str) -> ExportTable:
 def _exported_rows(table: StudyTable, start: int, stop: int, expectations: int) -> list[NDArray[Any]]:
     result = table.result
     code = result["study/exit_code"].rows(start, stop)
-    columns = [table.numbers[start:stop], _STATUS[np.sign(code) + 1]]
+    columns = [table.numbers[start:stop], statuses(code)]
     columns += [result[f"{SAMPLES}/{path}"].rows(start, stop) for path in table.inputs]
     for path in table.paths:
         values = table.variable(path).rows(start, stop).reshape(len(code), -1)

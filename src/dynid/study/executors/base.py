@@ -67,8 +67,6 @@ class StudyExecutor(ABC):
 
 
 class _AtOnce(Executor):
-    """Executor that runs a call when it is submitted."""
-
     def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         future: Future[Any] = Future()
         try:
