@@ -26,7 +26,7 @@ class Here:
 
 def _measure_here(patch):
     patch.setattr("dynid.bench.suite.ChildProcess", Here)
-    patch.setattr("dynid.bench.worker._MIN_SECONDS", 0.0)
+    patch.setattr("dynid.bench.suite._MIN_SECONDS", 0.0)
 
 
 @pytest.fixture

@@ -13,8 +13,17 @@ from click.testing import CliRunner
 
 from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
 from dynid.bench.benchmark import DATA, DEFAULT_RUN, PEER_MODULE, PEERS, Alternative
-from dynid.bench.suite import BenchmarkChange, BenchmarkFigure, beaten, changes, limits, pareto
-from dynid.bench.worker import _timed, measured, processor
+from dynid.bench.suite import (
+    BenchmarkChange,
+    BenchmarkFigure,
+    _timed,
+    beaten,
+    changes,
+    limits,
+    measured,
+    pareto,
+    processor,
+)
 from dynid.cli import cli
 from dynid.cli.screen import summary
 from dynid.errors import DynidError, Singular, UsageError
@@ -103,7 +112,7 @@ def _slow(each):
     ],
 )
 def test_an_alternative_does_the_work(name, alternative, monkeypatch):
-    monkeypatch.setattr("dynid.bench.worker._MIN_SECONDS", 0.0)
+    monkeypatch.setattr("dynid.bench.suite._MIN_SECONDS", 0.0)
     case, (size, least) = benchmark(name), SMALL[name]
     chosen = next(each for each in case.alternatives if each.name == alternative)
     try:

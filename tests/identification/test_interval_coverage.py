@@ -41,13 +41,13 @@ def test_intervals_of_joints_from_frequency_responses():
     from dynid.identification.systems.frf_system import FrfSystem
 
     count = int(os.environ.get("DYNID_RECORDS", "200"))
-    case = structure_response._case(791)
-    clean = FrfSystem.of(case.model, case.measurement.channels).response(case.omega).values
+    model, measurement = structure_response._case(791)
+    clean = FrfSystem.of(model, measurement.channels).response(measurement.omega).values
     true, held = np.array(list(structure_response._TRUE.values())), []
     for seed in range(count):
         noise = np.random.default_rng(1000 + seed).standard_normal((2, *clean.shape)) / np.sqrt(2)
         values = clean * (1 + 0.02 * (noise[0] + 1j * noise[1]))
-        result = identify(case.model, replace(case.measurement, source=values))
+        result = identify(model, replace(measurement, source=values))
         assert result.value("identification/diagnostics/converged"), seed
         estimate, deviation = (
             result[f"identification/parameters/{part}"].data for part in ("estimate", "standard_error")

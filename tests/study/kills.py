@@ -27,7 +27,9 @@ class Logged(SerialExecutor):
 
     def submit(self, call, job, overrides):
         with open("ran.log", "a") as log:  # noqa: PTH123
-            log.writelines(f"{self.ring.key(one).hex()}\n" for one in overrides)
+            for one in overrides:
+                (key,) = self.ring.keys([[value] for value in one.values()], 1)
+                log.write(f"{key.tobytes().hex()}\n")
         return super().submit(call, job, overrides)
 
 

@@ -16,7 +16,6 @@ import shutil
 import struct
 import zlib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,21 +35,6 @@ _MARK = re.compile(re.escape(START) + rb"(\d{1,9}),")  # beginning of outcomes, 
 _BEFORE = _HEAD.size + 2 * _COUNT.size  # bytes before a mark, except keys and exit codes
 
 
-@dataclass(frozen=True)
-class Damage:
-    """Damaged part of a journal."""
-
-    path: str
-    lost: int  # samples in the records that cannot be read
-    known: bool  # else `lost` is a lower bound
-    kept: str  # name of the copy of the damaged journal
-
-    def __str__(self) -> str:
-        bound = "" if self.known else "at least "
-        loss = f"{bound}{counted(self.lost, 'finished sample')} in it cannot be read" if self.lost else ""
-        return f"{self.path} was damaged: {loss or 'no sample is lost'}. It is kept as {self.kept}"
-
-
 class Journal:
     """Open journal, with the places of its records.
 
@@ -66,7 +50,7 @@ class Journal:
 
     def __init__(self, path: str) -> None:
         self.path = path
-        self.damage: Damage | None = None
+        self.damage: _Scan | None = None
         self._offsets: list[int] = []  # of the records
         self._starts: list[int] = []  # the number of the first sample of each
         self._keys: list[bytes] = []
@@ -103,6 +87,16 @@ class Journal:
         """Remove a journal, if it exists, whose samples have been written to the file of the study."""
         with contextlib.suppress(FileNotFoundError):
             os.unlink(path)  # noqa: PTH108
+
+    @property
+    def damage_text(self) -> str:
+        """What was damaged and lost, in words; empty of an intact journal."""
+        if self.damage is None:
+            return ""
+        bound = "" if self.damage.known else "at least "
+        loss = f"{bound}{counted(self.damage.lost, 'finished sample')} in it cannot be read"
+        what = loss if self.damage.lost else "no sample is lost"
+        return f"{self.path} was damaged: {what}. It is kept as {self._kept}"
 
     @property
     def keys(self) -> Keys:
@@ -209,7 +203,7 @@ class Journal:
             self._refuse(begun)
         if scan.damaged or begun != MAGIC:
             end = self._renew(scan.lengths)
-            self.damage = Damage(self.path, scan.lost, scan.known, self._kept)
+            self.damage = scan
         elif end < size:
             os.ftruncate(self._descriptor, end)
         return end

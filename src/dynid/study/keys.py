@@ -44,16 +44,11 @@ class Keyring:
         first, *parts = _canonical(document).split('"\\u0000')
         gaps_and_pieces = [text.partition('\\u0000"') for text in parts]
         self._places = [int(gap) for gap, _, _ in gaps_and_pieces]  # of the paths in the plan, one per gap
-        self._order = [plan.settings[index] for index in self._places]
         files = _files(self._folder, _texts(data))
         self._common = hashlib.sha256(b"".join(self._digest(file) for file in files))
         self._common.update(first.encode())
         pieces = [piece.encode().replace(b"%", b"%%") for _, _, piece in gaps_and_pieces]
         self._form = b"%s".join([b"", *pieces])
-
-    def key(self, override: dict[str, Any]) -> bytes:
-        """Return the key of a sample."""
-        return self._hashed([self._encoded(override[path]) for path in self._order])
 
     def keys(self, columns: Sequence[Sequence[Any]], count: int) -> Keys:
         """Return the keys of `count` samples from their values at each path that is set, in its order."""

@@ -202,8 +202,8 @@ def run_study(
             return judged(done, max_failures)
         journal = Journal(journal_name(name))
         stack.callback(journal.close)
-        if journal.damage is not None and notice is not None:
-            notice(str(journal.damage))
+        if journal.damage_text and notice is not None:
+            notice(journal.damage_text)
         _import(name, heading.keys, journal, retry_failed)
         run = Run(plan, numbers, heading, journal, max_failures, report, retry_failed)
         try:

@@ -192,10 +192,8 @@ class Scheduler:
                 chunks.append((chunk, done.outcomes))
         if chunks:
             self.arrived(chunks)
-        if lost:
-            self.pool.replace()
-            for chunk in lost:
-                self._suspect(chunk)
+        for chunk in lost:
+            self._suspect(chunk)
 
     def _suspect(self, chunk: Numbers) -> None:
         """Run a chunk whose worker died again: alone; then its halves; then its sample, a few times."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -58,13 +58,6 @@ measurement:
 """
 
 
-class _ArmPrediction(NamedTuple):
-    """The estimates by name, and the prediction of the whole record."""
-
-    estimates: dict[str, float]
-    outputs: Array
-
-
 def _data_file() -> Path:
     """Return the file of the record: in the folder ``DYNID_DATA``, else in that beside the sources."""
     shared_data = Path(__file__).resolve().parents[4].parent / "shared/data"
@@ -88,8 +81,8 @@ def fit(measured: Array, predicted: Array) -> float:
     return float(100 * (1 - error / np.linalg.norm(measured - measured.mean())))
 
 
-def by_graph(samples: int) -> _ArmPrediction:
-    """Return the prediction by the graph that the first half of the samples identifies."""
+def by_graph(samples: int) -> tuple[dict[str, float], Array]:
+    """Return the estimates by the first half of the samples, and the graph's prediction of all of them."""
     from dynid.identification.systems.parametric_model import parametric_model
     from dynid.identification.systems.prediction import free_prediction, prediction
     from dynid.parameters import coordinates
@@ -123,7 +116,7 @@ def by_graph(samples: int) -> _ArmPrediction:
     forced, by_state = at_rest.outputs[:, 0], at_rest.by_state[:, 0]
     y = np.asarray(experiment.measurement.source)[:, 0]
     start = np.linalg.lstsq(by_state[:half], y[:half] - forced[:half], rcond=None)[0]
-    return _ArmPrediction(estimates_by_name, forced + by_state @ start)
+    return estimates_by_name, forced + by_state @ start
 
 
 def by_arx(u: Array, y: Array, order: int, half: int) -> Array:
@@ -179,7 +172,7 @@ BENCHMARK = Benchmark(
     alternatives=(
         Alternative(
             "graph-4",
-            lambda samples: by_graph(samples).outputs[samples // 2 :],
+            lambda samples: by_graph(samples)[1][samples // 2 :],
             unavailable=missing_data,
         ),
         *(_peer(*one, order) for order in (4, 6) for one in (("arx", by_arx), ("subspace", by_subspace))),

@@ -138,15 +138,6 @@ _NOISE, _TOP = 0.02, 400.0  # relative, Hz
 _ALL = ("x", "y", "z", "rx", "ry", "rz")
 
 
-class _Case(NamedTuple):
-    """The frame, the measurement, its lines (rad/s) and responses (L x 4)."""
-
-    model: Any
-    measurement: Any
-    omega: Any
-    values: Any
-
-
 def frame() -> Any:
     """Return the frame, with its joints."""
     from dynid.structure.assembly import Support
@@ -177,8 +168,8 @@ def frame() -> Any:
 
 
 @lru_cache(maxsize=1)
-def _case(lines: int) -> _Case:
-    """Return the frame and its responses, simulated with the whole frame."""
+def _case(lines: int) -> tuple[Any, Any]:
+    """Return the frame and its frequency responses, simulated with the whole frame."""
     from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
     from dynid.identification.systems.frf_system import FrfSystem
     from dynid.structure.ports import Channel
@@ -190,16 +181,16 @@ def _case(lines: int) -> _Case:
     rng = np.random.default_rng(1)
     noise = rng.standard_normal((2, *clean.shape)) / np.sqrt(2)
     values = clean * (1 + _NOISE * (noise[0] + 1j * noise[1]))
-    return _Case(model, FrfMeasurement(omega, functions, values, proportional=True), omega, values)
+    return model, FrfMeasurement(omega, functions, values, proportional=True)
 
 
-def reduced(model: Any, functions: Any, omega: Any) -> Any:
+def _reduced(model: Any, measurement: Any) -> Any:
     """Return the frame on its modes at the starts, and static responses to force, sensors and joints."""
     M, _, K = model.dense(_START)
     inverse = np.linalg.inv(np.linalg.cholesky(M))
     square, shapes = np.linalg.eigh(inverse @ K @ inverse.T)
-    modes = inverse.T @ shapes[:, square < (3 * omega[-1]) ** 2]
-    dofs = {dof for frf in functions for dof in (frf.channel.dof, frf.force)}
+    modes = inverse.T @ shapes[:, square < (3 * measurement.omega[-1]) ** 2]
+    dofs = {dof for frf in measurement.channels for dof in (frf.channel.dof, frf.force)}
     dofs |= {dof for joint in model.joints if "-" not in joint.name for dof in joint.dofs}
     statics = np.linalg.solve(K, np.array([model.row(dof) for dof in sorted(dofs)]).T)
     columns = np.concatenate([modes, statics], axis=1)
@@ -208,24 +199,26 @@ def reduced(model: Any, functions: Any, omega: Any) -> Any:
     return model.projected(basis, [f"q{k}" for k in range(basis.shape[1])])
 
 
-def _identified(case: _Case, reduced_first: bool) -> Any:
-    model = reduced(case.model, case.measurement.channels, case.omega) if reduced_first else case.model
-    return identify(model, case.measurement)["identification/parameters/estimate"].data
+def _identified(case: tuple[Any, Any], reduced_first: bool) -> Any:
+    model, measurement = case
+    model = _reduced(model, measurement) if reduced_first else model
+    return identify(model, measurement)["identification/parameters/estimate"].data
 
 
-def _by_scipy(case: _Case) -> Any:
+def _by_scipy(case: tuple[Any, Any]) -> Any:
     """Reduce by hand, and minimise residuals over the measured magnitudes by SciPy."""
     from scipy.optimize import least_squares
 
-    functions, s = case.measurement.channels, 1j * case.omega[:, None, None]
-    small = reduced(case.model, functions, case.omega)
+    model, measurement = case
+    functions, s = measurement.channels, 1j * measurement.omega[:, None, None]
+    small = _reduced(model, measurement)
     force = small.row(functions[0].force)
     rows = np.array([small.row(frf.channel.dof) for frf in functions])
 
     def residuals(logarithms: Any) -> Any:
         M, C, K = small.dense(dict(zip(_START, np.exp(logarithms), strict=True)))
         motion = np.linalg.solve(K + s * C + s**2 * M, force.astype(complex)[:, None])
-        off = (s**2 * (rows @ motion))[:, :, 0] / case.values - 1
+        off = (s**2 * (rows @ motion))[:, :, 0] / measurement.source - 1
         return np.concatenate([off.real.ravel(), off.imag.ravel()])
 
     return np.exp(least_squares(residuals, np.log(list(_START.values())), method="lm").x)

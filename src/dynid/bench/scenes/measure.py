@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from statistics import median
 from time import monotonic, perf_counter
-from typing import Any, NamedTuple, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 
@@ -36,15 +36,6 @@ _MIN_TIMED_SECONDS = 0.5
 
 Key: TypeAlias = tuple[str, int]
 """Name and size of an alternative."""
-
-
-class _TrialResult(NamedTuple):
-    """Time, s, rise of the peak memory, B, and the result; or the reason of a failure."""
-
-    time: float = 0.0
-    memory: float = 0.0
-    result: Any = None
-    failed: str = ""
 
 
 def aspect_of(scene: Scene, name: str) -> Aspect:
@@ -92,10 +83,11 @@ def add_accuracy(
 
 @dataclass
 class _Try:
-    """The outcome of one alternative at one size, with the times of its runs."""
+    """The outcome of one alternative at one size, with the times of its runs, s; or why it failed."""
 
-    answer: _TrialResult | None = None
     times: list[float] = field(default_factory=list)
+    memory: float = 0.0  # rise of the peak, B
+    result: Any = None
     failed: str = ""
 
     @property
@@ -156,15 +148,16 @@ class _Trial:
             trial.failed = f"not run: the budget of {self._budget:g} s was used up"
             return
         self._progress(f"{aspect}: {key[0]}, {key[1]:,}")
-        answer: _TrialResult | None = self._call(share * self._left, _measured, aspect, key)
+        answer: _Try | None = self._call(share * self._left, _measured, aspect, key)
         if answer is None:
             if not trial.times:
                 trial.failed = f"not run to its end: too slow for the budget of {self._budget:g} s"
         elif answer.failed:
             trial.failed = answer.failed
         else:
-            trial.answer = trial.answer or answer
-            trial.times.append(answer.time)
+            if not trial.times:
+                trial.memory, trial.result = answer.memory, answer.result
+            trial.times += answer.times
 
     def _call(self, seconds: float, call: Callable[..., Any], *arguments: Any) -> Any:
         """Return the value of a call in the process; None where it ended, or was stopped after `seconds`."""
@@ -182,14 +175,13 @@ class _Trial:
 
 
 def _add(result: Result, group: str, aspect: Aspect, tries: Mapping[Key, _Try]) -> None:
-    results = {key: row.answer.result for key, row in tries.items() if row.answer is not None}
+    results = {key: row.result for key, row in tries.items() if row.times}
     reference = next((key for key, it in results.items() if aspect.error(it, it) is not None), None)
     figures = {}
     for key, it in results.items():
         tried, error = tries[key], None if reference is None else aspect.error(it, results[reference])
-        assert tried.answer is not None
         size, error = key[1], np.nan if error is None else error
-        figures[key] = BenchmarkFigure(size, tried.time, tried.answer.memory, error)
+        figures[key] = BenchmarkFigure(size, tried.time, tried.memory, error)
     names = list(dict.fromkeys(name for name, _ in tries))
     result.add_axis(f"{group}/alternative", names)
     result.add(f"{group}/status", [_status(name, tries) for name in names], ("alternative",))
@@ -235,7 +227,7 @@ def _load_aspects(source: Source) -> None:
     _ASPECTS.update({name: aspect_of(scene, name) for name in aspects_of(scene.model)})
 
 
-def _measured(aspect: str, key: Key) -> _TrialResult:
+def _measured(aspect: str, key: Key) -> _Try:
     points = _ASPECTS[aspect].points
     chosen = next(alternative for alternative, size in points if (alternative.name, size) == key)
     try:
@@ -248,5 +240,5 @@ def _measured(aspect: str, key: Key) -> _TrialResult:
             work()
             seconds = perf_counter() - before
     except (DynidError, ArithmeticError, ValueError, MemoryError) as error:
-        return _TrialResult(failed=" ".join(str(error).split()) or type(error).__name__)
-    return _TrialResult(seconds, 1024**2 * (cost.peak_megabytes or 0.0), result)
+        return _Try(failed=" ".join(str(error).split()) or type(error).__name__)
+    return _Try([seconds], 1024**2 * (cost.peak_megabytes or 0.0), result)

@@ -37,10 +37,6 @@ class StudyExecutor(ABC):
             self._executor = self._start()
         return self._executor.submit(call, *args)
 
-    def replace(self) -> None:
-        """Replace the workers that died."""
-        self.dismiss()
-
     def dismiss(self) -> None:
         """Shut down all workers, also those that run."""
         if self._executor is not None:

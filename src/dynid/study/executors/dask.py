@@ -98,9 +98,6 @@ class DaskExecutor(StudyExecutor):
         finally:
             client.close(timeout=_CONNECT_SECONDS)
 
-    def replace(self) -> None:
-        """Do nothing: the scheduler replaces its workers."""
-
     def has_died(self, error: BaseException) -> bool:
         """Return whether every worker that ran a chunk died with it."""
         return isinstance(error, ProcessDied) or type(error).__name__ == "KilledWorker"

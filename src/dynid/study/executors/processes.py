@@ -143,9 +143,6 @@ class ProcessExecutor(StudyExecutor):
     def _run(self, call: Callable[..., Any], args: tuple[Any, ...]) -> Any:
         return self._pool.run(self.timeout, call, *args)  # the pool exists when the threads have started
 
-    def replace(self) -> None:
-        """Do nothing: each worker replaces its own process."""
-
     def has_died(self, error: BaseException) -> bool:
         """Return whether the process of a call ended before the call."""
         return isinstance(error, ProcessDied)
