@@ -43,43 +43,22 @@ class ParameterPrior(NamedTuple):
 class Parameter:
     """An unknown parameter.
 
-    Parameters
-    ----------
-    name
-        Its name in a scene and in results.
-    start
-        Initial guess.
-    true
-        True value where it is known: what simulated records are made with.
-    low, high
-        Limits, within which the start lies.
-    prior
-        Prior.
-    scale
-        ``log``: positive, its logarithm is estimated. ``linear``: of any sign, estimated itself.
-    unit
-        SI unit; empty where it is not known or there is none.
-    spread
-        Standard deviation of the coordinate that a first guess may be off by, of `scale` linear.
-    std
-        Standard deviation of a parameter that is known with uncertainty ("considered"): it is not estimated,
-        and `start` is its value.
-
-    Raises
-    ------
-    UsageError
-        If a number is not finite, not positive with `scale` log, or the start is not within the limits.
+    Raises `UsageError` if a number is not finite, not positive with `scale` log, or the start is not within
+    the limits.
     """
 
-    name: str
-    start: float
-    true: float | None = None
-    low: float | None = None
+    name: str  # in a scene and in results
+    start: float  # initial guess
+    true: float | None = None  # where it is known: what simulated records are made with
+    low: float | None = None  # limits, within which the start lies
     high: float | None = None
     prior: ParameterPrior | None = None
-    scale: Scale = "log"
-    unit: str = ""
+    scale: Scale = "log"  # `log`: positive, its logarithm is estimated; `linear`: of any sign
+    unit: str = ""  # in SI; empty where it is not known or there is none
+    #: Standard deviation of the coordinate that a first guess may be off by, of `scale` linear.
     spread: float | None = None
+    #: Standard deviation of a parameter that is known with uncertainty ("considered"): it is not estimated,
+    #: and `start` is its value.
     std: float | None = None
 
     def __post_init__(self) -> None:

@@ -56,27 +56,23 @@ def judged(progress: Progress, max_failures: int | None) -> Progress:
     return progress
 
 
+@dataclass
 class Run:
     """One run of a study, and its outcomes in the order of the plan.
 
     Of samples with equal keys, only the first is run; all have its outcome.
     """
 
-    def __init__(
-        self,
-        plan: Plan,
-        numbers: range,
-        heading: StudyHeading,
-        journal: Journal,
-        max_failures: int | None,
-        report: Report | None,
-        retry_failed: bool,
-    ) -> None:
-        self.plan = plan
-        self.numbers = numbers
-        self.journal = journal
-        self.max_failures = max_failures
-        self.report = report
+    plan: Plan
+    numbers: range
+    heading: StudyHeading
+    journal: Journal
+    max_failures: int | None
+    report: Report | None
+    retry_failed: bool
+
+    def __post_init__(self) -> None:
+        heading, journal = self.heading, self.journal
         _, first, self.one, self.copies = np.unique(
             as_texts(heading.keys), return_index=True, return_inverse=True, return_counts=True
         )
@@ -86,7 +82,7 @@ class Run:
         self.failed = np.zeros(len(first), dtype=bool)
         finished = self.where >= 0
         self.failed[finished] = journal.failed[self.where[finished]]
-        if retry_failed:
+        if self.retry_failed:
             self.where[self.failed], self.failed[:] = -1, False
         self.kept = self._count(self.where >= 0)
 

@@ -6,6 +6,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -99,6 +100,7 @@ class _RunningChunks:
             self._notice(f"{samples} been running for {age:.2g} s")
 
 
+@dataclass
 class Scheduler:
     """Run of samples of a plan by an executor.
 
@@ -108,22 +110,16 @@ class Scheduler:
     `arrived` is called with the outcomes of finished chunks, `notice` with sentences for the user.
     """
 
-    def __init__(
-        self,
-        pool: StudyExecutor,
-        job: Job,
-        plan: Plan,
-        numbers: Numbers,
-        arrived: Arrived,
-        notice: Notice | None = None,
-    ) -> None:
-        self.pool = pool
-        self.job = job
-        self.plan = plan
-        self.numbers = numbers
-        self.arrived = arrived
-        self.running = _RunningChunks(pool, plan, notice)
-        self.chunks = Chunks(pool.timeout)
+    pool: StudyExecutor
+    job: Job
+    plan: Plan
+    numbers: Numbers
+    arrived: Arrived
+    notice: Notice | None = None
+
+    def __post_init__(self) -> None:
+        self.running = _RunningChunks(self.pool, self.plan, self.notice)
+        self.chunks = Chunks(self.pool.timeout)
         self.next = 0
         self.submitted: dict[Future[Any], Numbers] = {}
         self.singles: deque[Numbers] = deque()  # of chunks that took too long
