@@ -98,11 +98,7 @@ class _Rows:
         for holder, study in enumerate(self.studies):
             target_rows = start + np.flatnonzero(self._holders[start:stop] == holder)
             if len(target_rows):
-                theirs = self._rows[target_rows]
-                for block in study.between(int(theirs[0]), int(theirs[-1]) + 1):
-                    _, places, matches = np.intersect1d(block.rows, theirs, return_indices=True)
-                    if len(places):
-                        yield block.taken(places, target_rows[matches])
+                yield from study.picked(self._rows[target_rows], target_rows)
 
     def heading(self) -> StudyHeading:
         """Return the content of the files except the outcomes."""

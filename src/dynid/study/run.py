@@ -301,11 +301,7 @@ def _import(name: str, keys: Keys, journal: Journal, retry_failed: bool) -> None
         for start in range(0, len(study) if valid.any() else 0, step):
             rows = start + np.flatnonzero(valid[start : start + step])
             if len(rows):
-                blocks = []
-                for block in study.between(start, start + step):
-                    _, places, matches = np.intersect1d(block.rows, rows, return_indices=True)
-                    if len(places):
-                        blocks.append(block.taken(places, matches))
+                blocks = list(study.picked(rows, np.arange(len(rows))))
                 journal.append([(study.keys[rows], packed(SampleOutcomes(blocks, len(rows))))])
 
 

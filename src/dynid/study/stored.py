@@ -113,6 +113,13 @@ class StudyFile:
                 members = done[groups == group]
                 yield SampleBlock(members + begin, self._values(members, rows, lengths), judged[members])
 
+    def picked(self, rows: NDArray[np.intp], targets: NDArray[np.intp]) -> Iterator[SampleBlock]:
+        """Yield the finished samples among ascending rows, with other numbers of rows."""
+        for block in self.between(int(rows[0]), int(rows[-1]) + 1):
+            _, places, matches = np.intersect1d(block.rows, rows, return_indices=True)
+            if len(places):
+                yield block.taken(places, targets[matches])
+
     def _values(
         self,
         samples: NDArray[np.intp],
