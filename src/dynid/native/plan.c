@@ -27,7 +27,7 @@ typedef struct {
 } Operation;
 
 typedef struct {
-  Int other, next, before, entry; /* the other row of this half of an edge, and the register of the entry */
+  Int other, next, before, entry, tie; /* the other row of this half of an edge; the entry's register */
 } Half;
 
 typedef struct {
@@ -72,7 +72,6 @@ typedef struct {
   Int root, rows, *row_of, *at, *depth; /* of junctions, and back; row 0 is the root */
   Int *first_half, *last_half, *degree, *first_term, *last_term, *first_drive, *rank, *round, *gone;
   Half *halves;
-  Int *ties; /* by edge */
   Int half_count, half_room, term_count, term_room, drive_count, drive_room;
   Term *terms;
   Drive *drives;
@@ -85,14 +84,17 @@ typedef struct {
   int failed, memory; /* refused; out of memory */
 } Plan;
 
+/* Return 1, and end the plan, where there is no memory for what was asked for. */
+INLINE int lacks(Plan *p, int missing) {
+  if (missing) p->memory = p->failed = 1;
+  return missing;
+}
+
 static void *larger(Plan *p, void *old, Int *room, Int needed, size_t size) {
   if (needed <= *room) return old;
   const Int more = 2 * *room > needed ? 2 * *room : needed + 64;
   void *made = realloc(old, more * size);
-  if (!made) {
-    p->memory = p->failed = 1;
-    return old;
-  }
+  if (lacks(p, !made)) return old;
   *room = more;
   return made;
 }
@@ -185,10 +187,7 @@ static void set_known(Plan *p, Operation key, Int register_) {
   p->entry_list[p->entries++] = (Known){key, register_};
   if (2 * p->entries <= p->known_size) return;
   int32_t *made = realloc(p->known, sizeof(int32_t) * 4 * p->known_size);
-  if (!made) {
-    p->memory = p->failed = 1;
-    return;
-  }
+  if (lacks(p, !made)) return;
   p->known = made;
   p->known_size *= 4;
   memset(made, -1, sizeof(int32_t) * p->known_size);
@@ -362,9 +361,8 @@ static void structure(Plan *p) {
   p->place = malloc(sizeof(Int) * (p->nodes + 1));
   p->kind = malloc(sizeof(Int) * 3 * most);
   p->coupling = malloc(sizeof(Coupling) * (2 * p->nodes + p->bonds + 1));
-  if (!root || !attached || !p->place || !p->kind || !p->coupling) {
+  if (lacks(p, !root || !attached || !p->place || !p->kind || !p->coupling)) {
     free(root), free(attached);
-    p->memory = p->failed = 1;
     return;
   }
   p->fixing = p->kind + most, p->drawn = p->fixing + most;
@@ -423,8 +421,7 @@ static void structure(Plan *p) {
   }
   const Int j = p->junctions;
   Int *lists = calloc(3 * (j + 2) + 3 * count + 2 * p->couplings + 1, sizeof(Int));
-  if (!lists) p->memory = p->failed = 1;
-  if (!p->failed) {
+  if (!lacks(p, !lists) && !p->failed) {
     p->element_start = lists, p->feed_start = lists + j + 2, p->tied_start = lists + 2 * (j + 2);
     p->elements = lists + 3 * (j + 2), p->feeds = p->elements + count, p->signs = p->feeds + count;
     p->tied = p->signs + count;
@@ -507,8 +504,8 @@ static Int entry(const Plan *p, Int row, Int column) {
   return h == NONE ? p->zero : p->halves[h].entry;
 }
 
-static void append_half(Plan *p, Int h, Int row, Int other, Int register_) {
-  p->halves[h] = (Half){other, NONE, p->last_half[row], register_};
+static void append_half(Plan *p, Int h, Int row, Int other, Int register_, Int tie) {
+  p->halves[h] = (Half){other, NONE, p->last_half[row], register_, tie};
   if (p->last_half[row] == NONE) p->first_half[row] = h;
   else p->halves[p->last_half[row]].next = h;
   p->last_half[row] = h;
@@ -527,18 +524,11 @@ static void unlink_half(Plan *p, Int h, Int row) {
 /* Tie two rows; returns the half of the first. */
 static Int put_edge(Plan *p, Int row, Int column, Int own, Int back, Int tie) {
   const Int h = p->half_count;
-  const Int before = p->half_room;
   p->half_count += 2;
   p->halves = larger(p, p->halves, &p->half_room, p->half_count, sizeof(Half));
-  if (p->half_room != before) {
-    Int *ties = realloc(p->ties, sizeof(Int) * (p->half_room / 2 + 1));
-    if (ties) p->ties = ties;
-    else p->memory = p->failed = 1;
-  }
   if (p->failed) return NONE;
-  append_half(p, h, row, column, own);
-  append_half(p, h + 1, column, row, back);
-  p->ties[h / 2] = tie;
+  append_half(p, h, row, column, own, tie);
+  append_half(p, h + 1, column, row, back, tie);
   return h;
 }
 
@@ -548,7 +538,7 @@ static void add_entry(Plan *p, Int row, Int column, Int amount) {
   if (h == NONE) h = put_edge(p, row, column, total, p->zero, SEVERAL);
   if (p->failed) return;
   p->halves[h].entry = total;
-  p->ties[h / 2] = SEVERAL;
+  p->halves[h].tie = p->halves[h ^ 1].tie = SEVERAL;
   if (is_zero(p, total) && is_zero(p, p->halves[h ^ 1].entry)) {
     unlink_half(p, h, row);
     unlink_half(p, h ^ 1, column);
@@ -572,9 +562,9 @@ static void feed(Plan *p, Int row, Int source, Int amount) {
 }
 
 static void forget_network(Plan *p) {
-  free(p->row_of), free(p->halves), free(p->ties), free(p->terms), free(p->drives), free(p->heap), free(p->pivots);
+  free(p->row_of), free(p->halves), free(p->terms), free(p->drives), free(p->heap), free(p->pivots);
   free(p->driving);
-  p->row_of = p->ties = p->pivots = NULL;
+  p->row_of = p->pivots = NULL;
   p->halves = NULL, p->terms = NULL, p->drives = NULL, p->heap = NULL, p->driving = NULL;
   p->half_count = p->half_room = p->term_count = p->term_room = p->drive_count = p->drive_room = 0;
   p->heap_count = p->heap_room = p->pivot_count = p->pivot_room = 0;
@@ -585,10 +575,7 @@ static void set_network(Plan *p, Int root) {
   forget_network(p);
   p->row_of = malloc(sizeof(Int) * 13 * (j + 1));
   p->driving = calloc(p->input_count + 1, 1);
-  if (!p->row_of || !p->driving) {
-    p->memory = p->failed = 1;
-    return;
-  }
+  if (lacks(p, !p->row_of || !p->driving)) return;
   Int **arrays[12] = {&p->at, &p->depth, &p->first_half, &p->last_half, &p->degree, &p->first_term,
                       &p->last_term, &p->first_drive, &p->rank, &p->round, &p->gone, &p->by_rank};
   for (int k = 0; k < 12; k++) *arrays[k] = p->row_of + (k + 1) * (j + 1);
@@ -701,8 +688,7 @@ static void reflect(Plan *p, Int leaf, Int into, Int own, Int tie) {
 /* The neighbours of a row, which a caller frees. */
 static Int *neighbours(Plan *p, Int row, Int *count) {
   Int n = 0, *made = malloc(sizeof(Int) * (p->degree[row] + 1));
-  if (!made) p->memory = p->failed = 1;
-  else
+  if (!lacks(p, !made))
     for (Int h = p->first_half[row]; h != NONE; h = p->halves[h].next) made[n++] = p->halves[h].other;
   *count = n;
   return made;
@@ -711,10 +697,7 @@ static Int *neighbours(Plan *p, Int row, Int *count) {
 static void eliminate_on_loop(Plan *p, Int row, const Int *around, Int count, Int own) {
   const Int by = inverted(p, own);
   Int *factors = malloc(sizeof(Int) * (count + count * count + 1)), *changes = factors + count;
-  if (!factors) {
-    p->memory = p->failed = 1;
-    return;
-  }
+  if (lacks(p, !factors)) return;
   Int k = 0;
   for (Int h = p->first_half[row]; h != NONE; h = p->halves[h].next, k++)
     factors[k] = times(p, p->halves[h ^ 1].entry, by);
@@ -742,7 +725,7 @@ static void eliminate(Plan *p, Int row, const Int *around, Int count, Int own) {
     remove_row(p, row);
     return;
   }
-  const Int tie = count == 1 ? p->ties[p->first_half[row] / 2] : SEVERAL;
+  const Int tie = count == 1 ? p->halves[p->first_half[row]].tie : SEVERAL;
   if (tie == SEVERAL) eliminate_on_loop(p, row, around, count, own);
   else if (tie >= 0) reflect(p, row, around[0], own, tie);
   else {
@@ -840,15 +823,13 @@ ENTRY Int dynid_plan(Int nodes, Int bonds, const int8_t *types, const Int *ends,
   p->known_size = 1024, p->compared_size = 65536;
   p->known = malloc(sizeof(int32_t) * p->known_size);
   p->compared = malloc(sizeof(int32_t) * p->compared_size);
-  if (own_types && own_ends && p->values && p->known && p->compared) {
+  if (!lacks(p, !own_types || !own_ends || !p->values || !p->known || !p->compared)) {
     memcpy(own_types, types, nodes);
     memcpy(own_ends, ends, sizeof(Int) * 2 * bonds);
     for (Int k = 0; k < nodes; k++) p->values[k] = (Residue){residue(p, above[k]), residue(p, below[k])};
     memset(p->known, -1, sizeof(int32_t) * p->known_size);
     memset(p->compared, -1, sizeof(int32_t) * p->compared_size);
     structure(p);
-  } else {
-    p->memory = p->failed = 1;
   }
   if (!p->failed) {
     p->zero = emit(p, (Operation){P_CONSTANT, 0, 0}, (Residue){0, p->unity});
