@@ -6,8 +6,9 @@ import functools
 import os
 import re
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TextIO, cast
 
@@ -23,9 +24,15 @@ _OTHER_FILES |= dict.fromkeys((".html", ".htm"), "For a page: --report {}.html")
 _OTHER_FILES |= dict.fromkeys((".png", ".svg", ".pdf"), "For figures: dynid plot {}.h5 -o FOLDER")
 
 
-def among(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
-    """Complete an argument from names, which are looked up only when the shell asks."""
-    return lambda context, parameter, begun: [name for name in names() if name.startswith(begun)]  # noqa: ARG005
+def among(source: str) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Complete an argument from the names at `module:name`, which are looked up only when the shell asks."""
+
+    def complete(context: click.Context, parameter: click.Parameter, begun: str) -> list[str]:  # noqa: ARG001
+        module, _, attribute = source.partition(":")
+        names = getattr(import_module(module), attribute)
+        return [name for name in (names() if callable(names) else names) if name.startswith(begun)]
+
+    return complete
 
 
 def set_option(subject: str) -> Callable[[Any], Any]:

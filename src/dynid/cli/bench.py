@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,14 +19,8 @@ if TYPE_CHECKING:
     from dynid.result import Result
 
 
-def _benchmarks() -> Iterable[str]:
-    from dynid.bench import BENCHMARKS
-
-    return BENCHMARKS
-
-
 @click.command()
-@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=among(_benchmarks))
+@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=among("dynid.bench:BENCHMARKS"))
 @click.option("-o", "--output", type=click.Path(), help="Write the measurements to this HDF5 file.")
 @click.option(
     "--report", type=click.Path(), help="Write tables and work-precision diagrams to this HTML file."

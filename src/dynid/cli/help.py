@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import click
@@ -37,7 +37,7 @@ def _topic_of(word: str, topics: Mapping[str, Traversable]) -> str:
 
 
 @click.command("help")
-@click.argument("topic", required=False, shell_complete=among(_names))
+@click.argument("topic", required=False, shell_complete=among("dynid.cli.help:_names"))
 def help_(topic: str | None) -> int:
     """Print the manual of a TOPIC or the help of a command; without TOPIC, list the topics."""
     from dynid.cli import cli
@@ -59,43 +59,31 @@ def help_(topic: str | None) -> int:
     return 0
 
 
-def _models() -> list[str]:
-    from dynid.scene.model_files import library_names
-
-    return library_names()
-
-
 @click.command()
-@click.argument("name", required=False, shell_complete=among(_models))
+@click.argument("name", required=False, shell_complete=among("dynid.scene.model_files:library_names"))
 def library(name: str | None) -> int:
     """Print the model NAME with its ports, values and source; without NAME, list the models.
 
     A graph has it as a node `{model: NAME}`; to change it, write it to a file and `use:` that file.
     """
     from dynid.cli.text import described
-    from dynid.scene.model_files import library_text
+    from dynid.scene.model_files import library_names, library_text
     from dynid.scene.yaml.source import parse_source
 
     if name is not None:
-        refuse_unknown(name, _models(), "model")
+        refuse_unknown(name, library_names(), "model")
         click.echo(library_text(name), nl=False)
         return 0
     rows = []
-    for model in _models():
+    for model in library_names():
         (data,) = parse_source(library_text(model)).data["models"].values()
         rows.append((model, f"{data['title']}; ports {', '.join(data['ports'])}"))
     click.echo("\n".join(described(rows, "")))
     return 0
 
 
-def _kinds() -> Iterable[str]:
-    from dynid.scene.kind import KINDS
-
-    return KINDS
-
-
 @click.command()
-@click.argument("kind", required=False, shell_complete=among(_kinds))
+@click.argument("kind", required=False, shell_complete=among("dynid.scene.kind:KINDS"))
 def schema(kind: str | None) -> int:
     """Print the JSON Schema of scenes: of one KIND, or of all."""
     from dynid.scene.kind import KINDS

@@ -95,7 +95,10 @@ def _block_lines(block: Block, indent: str) -> Iterator[str]:
         case Statement():
             yield from _paragraph(block.whole, indent)
         case TextTable():
-            yield from _table_lines(block)
+            table = block.filled()
+            rows = [row[: block.brief_columns] for row in (table.columns, *table.rows[: block.brief])]
+            left = [k for k, numeric in enumerate(table.numeric()) if not numeric]
+            yield from aligned(rows if any(rows[0]) else rows[1:], left=left)
         case DefinitionList():
             for term, lines in block.items[: block.brief]:
                 yield from _definition_lines(term, lines, indent)
@@ -103,20 +106,12 @@ def _block_lines(block: Block, indent: str) -> Iterator[str]:
             for number, item in enumerate(block.items[: block.brief], 1):
                 yield from _hanging(f"{indent}{number:>2}. ", item, len(indent) + 6)
     if isinstance(block, Listing) and (more := block.count - block.brief) > 0:
-        left = "    " if isinstance(block, TextTable) else indent
-        yield f"{left}… {counted(more, f'more {block.noun}' if block.brief else block.noun)} in the file"
+        start = "    " if isinstance(block, TextTable) else indent
+        yield f"{start}… {counted(more, f'more {block.noun}' if block.brief else block.noun)} in the file"
 
 
 def _paragraph(text: str, indent: str) -> list[str]:
     return wrapped(text, _TEXT_WIDTH, initial_indent=indent, subsequent_indent=f"{indent}  ")
-
-
-def _table_lines(block: TextTable) -> Iterator[str]:
-    """Yield headings and rows, texts to the left."""
-    table = block.filled()
-    rows = [row[: block.brief_columns] for row in (table.columns, *table.rows[: block.brief])]
-    left = [k for k, numeric in enumerate(table.numeric()) if not numeric]
-    yield from aligned(rows if any(rows[0]) else rows[1:], left=left)
 
 
 def _definition_lines(term: str, lines: Sequence[str], indent: str) -> Iterator[str]:

@@ -200,7 +200,7 @@ def _names() -> list[str]:
 
 
 @click.command()
-@click.argument("name", required=False, shell_complete=among(_names))
+@click.argument("name", required=False, shell_complete=among("dynid.cli.start:_names"))
 @click.option("-o", "--output", type=click.Path(), help="The file to write; default ./NAME.yaml.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @click.option("--no-schema", is_flag=True, help=f"Do not write {_SCHEMA}, from which editors complete keys.")

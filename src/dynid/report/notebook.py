@@ -164,34 +164,23 @@ def _draw(plot: Subplot, ax: Axes) -> None:
 def _draw_layer(layer: Layer, ax: Axes) -> None:
     from matplotlib.lines import Line2D
 
-    cls = getattr(layer, "cls", "")
-    series = re.search(r"\bs(\d)\b", cls)
-    style: dict[str, Any] = {
-        "color": (f"C{int(series[1]) - 1}" if series else "gray"),
-        "label": getattr(layer, "label", "") or None,
-    }
-    line = "--" if "dash" in cls else "-"
+    series = re.search(r"\bs(\d)\b", layer.cls)
+    colour = f"C{int(series[1]) - 1}" if series else "gray"
+    style: dict[str, Any] = {"color": colour, "label": layer.label or None}
+    line = "--" if "dash" in layer.cls else "-"
     match layer:
         case Curve() if not layer.spans:  # part of the grid, which the axes need not contain
             ax.add_artist(Line2D(np.asarray(layer.x), np.asarray(layer.y), color="lightgray", linewidth=0.6))
         case Curve():
             ax.plot(np.asarray(layer.x), np.asarray(layer.y), linestyle=line, **style)
         case BandLayer():
-            ax.fill_between(
-                np.asarray(layer.x), np.asarray(layer.low), np.asarray(layer.high), alpha=0.25, **style
-            )
+            x, *ends = (np.asarray(values) for values in (layer.x, layer.low, layer.high))
+            ax.fill_between(x, *ends, alpha=0.25, **style)
         case Markers():
             face: dict[str, Any] = {"markerfacecolor": "none"} if layer.symbol in _HOLLOW else {}
             x, y = np.atleast_1d(layer.x), np.atleast_1d(layer.y)
-            ax.plot(
-                x,
-                y,
-                linestyle="none",
-                marker=_SYMBOLS[layer.symbol],
-                markersize=2 * layer.size,
-                **style,
-                **face,
-            )
+            style |= {"linestyle": "none", "marker": _SYMBOLS[layer.symbol], "markersize": 2 * layer.size}
+            ax.plot(x, y, **style, **face)
         case Bars():
             low, length = np.asarray(layer.low), np.asarray(layer.high) - np.asarray(layer.low)
             if layer.flat:
@@ -250,28 +239,16 @@ def frame(result: Result, name: str) -> pandas.DataFrame:
         index = pandas.Index(labels.labels, name=f"{heading} [{labels.units}]" if labels.units else axis)
         columns, units = _columns(result, arrays)
         single = {
-            key: in_unit(f"{path}/{key}", one, unit) for key, one in _single_numbers(result, path).items()
+            _last(key): in_unit(key, variable, unit)
+            for key, variable in result.items()
+            if _group(key) == path and not variable.dims
         }
         numbers = {key: variable.data.item() for key, variable in single.items()}
         units |= {key: variable.units for key, variable in single.items() if variable.units}
         late = _approximate({**arrays, **single})
     table = pandas.DataFrame(columns, index=index)
-    table.attrs |= {
-        "title": result.title,
-        "units": units,
-        **({"numbers": numbers} if numbers else {}),
-        **late,
-    }
+    table.attrs |= {"title": result.title, "units": units} | ({"numbers": numbers} if numbers else {}) | late
     return table
-
-
-def _single_numbers(result: Result, group: str) -> dict[str, Variable]:
-    """Return the single numbers and texts of a group by name."""
-    return {
-        _last(path): variable
-        for path, variable in result.items()
-        if _group(path) == group and not variable.dims
-    }
 
 
 def _approximate(arrays: Mapping[str, Variable]) -> dict[str, Any]:

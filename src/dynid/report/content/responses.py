@@ -23,11 +23,17 @@ def response_sections(result: Result, base: str) -> Iterator[ReportSection]:
     """Yield the peaks of the frequency responses and the ranges of the time responses of a group."""
     group = f"{base}/frequency_response"
     if f"{group}/omega" in result:
-        low, high, unit = frequency_span(result, group)
+        (low, high, unit), peaks = frequency_span(result, group), peak_responses(result, group)
+        rows = []
+        for k, m in np.ndindex(peaks.magnitude.shape):
+            output, source = result[f"{group}/output"].data[k], result[f"{group}/input"].data[m]
+            size = peaks.magnitude[k, m]
+            where = f"{general(peaks.at[k, m])}{peaks.note[k, m]}" if size else "all"
+            rows.append((f"{output} / {source}", general(size), where))
         span = f"{counted(len(result[f'{group}/omega'].data), 'frequency')}, {span_text(low, high)} {unit}"
         table = TextTable(
             ("", "peak magnitude", f"frequency ({unit})"),
-            tuple(_peaks(result, group)),
+            tuple(rows),
             caption=span,
             noun="channel",
             brief=_BRIEF,
@@ -37,10 +43,14 @@ def response_sections(result: Result, base: str) -> Iterator[ReportSection]:
     group = f"{base}/time_response"
     if f"{group}/time" in result:
         courses, outputs = time_courses(result, group), result[f"{group}/output"].data
+        time, sources, inputs = (result[f"{group}/{name}"].data for name in ("time", "source", "input"))
+        driven = ", ".join(str(name) for name, column in zip(sources, inputs.T, strict=True) if column.any())
+        alone = ", each alone" if result[f"{group}/response"].data.ndim == 3 else ""
+        to = f"to {driven}{alone}, " if driven else ""
         table = TextTable(
             ("", "min", "max", "final"),
             tuple((name, *extremes(course)) for name, course in courses),
-            caption=_time_span(result, group),
+            caption=f"{to}{time[0]:.4g} … {time[-1]:.4g} s, {counted(len(time), 'sample')}",
             noun="output" if len(courses) == len(outputs) else "response",
             brief=_BRIEF,
             most=_MOST,
@@ -48,15 +58,6 @@ def response_sections(result: Result, base: str) -> Iterator[ReportSection]:
         note = result.group_attrs.get(group, {}).get("note")
         remark = (Statement(f"note: {note}"),) if note else ()
         yield ReportSection("Time response", (table, *remark), screen="time response")
-
-
-def _peaks(result: Result, group: str) -> Iterator[tuple[str, str, str]]:
-    """Yield the channels with their largest magnitudes and the frequencies of these."""
-    peaks = peak_responses(result, group)
-    for k, output in enumerate(result[f"{group}/output"].data):
-        for m, source in enumerate(result[f"{group}/input"].data):
-            where = f"{general(peaks.at[k, m])}{peaks.note[k, m]}" if peaks.magnitude[k, m] else "all"
-            yield f"{output} / {source}", general(peaks.magnitude[k, m]), where
 
 
 def extremes(column: NDArray[np.float64]) -> tuple[str, str, str]:
@@ -67,12 +68,3 @@ def extremes(column: NDArray[np.float64]) -> tuple[str, str, str]:
         for value in (column.min(), column.max(), column[-1])
     )
     return low, high, final
-
-
-def _time_span(result: Result, group: str) -> str:
-    """Return the inputs, the duration and the number of samples of a time response."""
-    time, sources, inputs = (result[f"{group}/{name}"].data for name in ("time", "source", "input"))
-    driven = ", ".join(str(name) for name, column in zip(sources, inputs.T, strict=True) if column.any())
-    alone = ", each alone" if result[f"{group}/response"].data.ndim == 3 else ""
-    to = f"to {driven}{alone}, " if driven else ""
-    return f"{to}{time[0]:.4g} … {time[-1]:.4g} s, {counted(len(time), 'sample')}"

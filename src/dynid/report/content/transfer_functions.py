@@ -142,8 +142,14 @@ def _channel_table(result: Result, pairs: list[Channel], *, poles: bool) -> Text
         unit = _channel_unit(result, output, source)
         cells = [f"{output} / {source}"]
         for path in (f"{roots}/{kind}" for kind in kinds):
-            text = _few_roots(result[path].data, hertz) + approximate(result, path) if path in result else ""
-            cells.append(text)
+            if path not in result:
+                cells.append("")
+                continue
+            values = result[path].data
+            upper = values[values.imag >= 0]
+            more = f", … ({len(values)})" if len(upper) > _ROOTS else ""
+            text = roots_text(upper[:_ROOTS] if more else values, hertz=hertz)
+            cells.append(f"{text}{more}{approximate(result, path)}")
         for name, title in _NUMBERS.items():
             path = f"{group}/{name}"
             number = limit(result.value(path)) if path in result else ""
@@ -155,13 +161,6 @@ def _channel_table(result: Result, pairs: list[Channel], *, poles: bool) -> Text
         rows.append(tuple(cells))
     heads = ("", *kinds, *_NUMBERS.values(), "zero dynamics", *(["stability"] if poles else []))
     return TextTable(heads, tuple(rows), noun="channel").filled()
-
-
-def _few_roots(roots: NDArray[Any], hertz: bool) -> str:
-    """Return at most a few roots as text, and the number of the others."""
-    upper = [root for root in roots if root.imag >= 0]
-    text = roots_text(np.array(upper[:_ROOTS]), hertz=hertz)
-    return f"{text}, … ({len(roots)})" if len(upper) > _ROOTS else roots_text(roots, hertz=hertz)
 
 
 def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> Iterator[Definition]:
@@ -238,15 +237,13 @@ def _poles(result: Result, output: str, source: str) -> tuple[str, ...]:
     hertz = in_hertz(result) and not oscillates  # natural frequencies are written once
     lines = list(_roots(result, output, source, "poles", "stability", hertz=hertz))
     if oscillates:
-        lines.append(" · ".join(_oscillation_text(result, pole) for pole in pairs))
+        symbol = "f_n" if in_hertz(result) else "ω_n"
+        oscillations = (
+            f"{symbol} = {frequency(result, abs(pole))}, ζ = {-pole.real / abs(pole) or 0.0:.4g}"
+            for pole in pairs
+        )
+        lines.append(" · ".join(oscillations))
     return tuple(lines)
-
-
-def _oscillation_text(result: Result, pole: complex) -> str:
-    """Return the natural frequency, in the unit of the scene, and the damping ratio of a pole."""
-    size = abs(pole)
-    frequency = f"f_n = {size / math.tau:.4g} Hz" if in_hertz(result) else f"ω_n = {size:.4g} rad/s"
-    return f"{frequency}, ζ = {-pole.real / size or 0.0:.4g}"
 
 
 def _sensitivities(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
@@ -158,7 +158,6 @@ def _shapes(result: Result) -> Picture:
 _COMPUTED = "structure/modes"
 _LABEL = re.compile(r"(u|w|theta)_(\d+)")
 
-Displacements = Mapping[int, Mapping[str, float]]
 #: Points of lines at rest and their displacements, on the paper.
 Lines = Sequence[tuple[Array, Array]]
 _LinesOf = Callable[[int], Lines]
@@ -186,23 +185,12 @@ def _lines_by(result: Result) -> tuple[_LinesOf, bool] | None:
     geometry = geometry_of(scene_of(result))
     labels = texts(result, f"{_COMPUTED}/dof")
     if geometry is not None and labels == [str(label) for label in geometry.labels]:
-        return lambda mode: _bent(geometry, _displacements(result, mode)), not geometry.members
+        return lambda mode: _bent(geometry, result, mode), not geometry.members
     if f"{SPACE}/displacement" not in result:
         return None
     space = Space(result)
     limit = MOST_LINES // min(len(result[f"{SPACE}/displacement"].data), _MODES)
     return lambda mode: space.polylines(mode, limit), False
-
-
-def _displacements(result: Result, mode: int) -> Displacements:
-    """Return the entries of a mode shape by node and direction."""
-    moved: dict[int, dict[str, float]] = {}
-    shape = result[f"{_COMPUTED}/shape"].data[:, mode].tolist()
-    for label, value in zip(texts(result, f"{_COMPUTED}/dof"), shape, strict=True):
-        match = _LABEL.fullmatch(label)
-        node = int(match[2]) if match else int(label) if label.isdecimal() else 0
-        moved.setdefault(node, {})[match[1] if match else "w"] = value
-    return moved
 
 
 def _picture(result: Result, lines_of: _LinesOf, dots: bool, animated: bool) -> Picture:
@@ -242,13 +230,16 @@ def _picture(result: Result, lines_of: _LinesOf, dots: bool, animated: bool) -> 
     return Picture(grid.render(), about, FigureTable(heads, tuple(rows), note))
 
 
-def _bent(geometry: StructureGeometry, moved: Displacements) -> Lines:
+def _bent(geometry: StructureGeometry, result: Result, mode: int) -> Lines:
     """Return points along the members and their displacements; masses of a chain move across it."""
     index = {node: k for k, node in enumerate(geometry.points)}
     rest = np.array(list(geometry.points.values()))
-    u, w, theta = np.array(
-        [[moved.get(node, {}).get(way, 0.0) for node in index] for way in ("u", "w", "theta")]
-    )
+    u, w, theta = np.zeros((3, len(index)))
+    shape = result[f"{_COMPUTED}/shape"].data[:, mode].tolist()
+    for label, value in zip(texts(result, f"{_COMPUTED}/dof"), shape, strict=True):
+        match = _LABEL.fullmatch(label)
+        along = {"u": u, "theta": theta}.get(match[1], w) if match else w
+        along[index[int(match[2] if match else label)]] = value
     none = np.zeros(len(index))
     if not geometry.members:
         return [(rest, np.column_stack([none, w]))]

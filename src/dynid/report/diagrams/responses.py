@@ -252,8 +252,12 @@ def _time_response(result: Result, group: str) -> Chart:
     ranges = []
     for name, values in shown[:3]:
         both = {"linear ": values, "nonlinear ": laws[name]} if name in laws else {"": values}
-        own = [f"{law}{_range(np.asarray(data))}" for law, data in both.items() if np.isfinite(data).any()]
-        ranges += [f"{name}: {', '.join(own)}"] if own else []
+        spans = [
+            f"{law}{short(np.nanmin(data))} … {short(np.nanmax(data))}"
+            for law, data in both.items()
+            if np.isfinite(data).any()
+        ]
+        ranges += [f"{name}: {', '.join(spans)}"] if spans else []
     way = "" if moving else "Free response to the initial state. "
     left = f" The first {OUTPUTS} of {len(outputs)} responses." if len(outputs) > OUTPUTS else ""
     about = f"{way}{'; '.join(ranges)}, over {short(float(time[-1] - time[0]))} s.{left}"
@@ -264,11 +268,6 @@ def _time_response(result: Result, group: str) -> Chart:
     also = {f"nonlinear {name}": values for name, values in laws.items()}
     table = table_of({"time (s)": time, **dict(shown), **also, **moving})
     return Chart(in_rows(subplots, 1), about, table, shared=True)
-
-
-def _range(data: Array) -> str:
-    """Return the least and the largest value as text."""
-    return f"{short(np.nanmin(data))} … {short(np.nanmax(data))}"
 
 
 def _columns(result: Result, group: str, name: str, axis: str, unit: str) -> Mapping[str, ArrayLike]:

@@ -214,7 +214,8 @@ def folded(sketch: Sketch, within: str = "") -> Sketch:
         box = places[node.key]
         if box not in shown:
             continue
-        role = node.role if box not in nodes else _both(nodes[box].role, node.role)
+        roles = {node.role, nodes[box].role if box in nodes else ""} - {""}
+        role = "both" if len(roles) > 1 else "".join(roles)
         if box == node.key:
             nodes[box] = node
         else:
@@ -244,7 +245,3 @@ def _shown(name: list[str], above: list[str]) -> str:
         len(above),
     )
     return ".".join(name[: common + 1])
-
-
-def _both(role: str, added: str) -> str:
-    return role if not added or role == added else added if not role else "both"

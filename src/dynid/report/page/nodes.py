@@ -51,7 +51,7 @@ def node(block: Block, title: str, unfolded: int | None = None, most: int = ALL)
             shown = _table(block, title, unfolded, most)
         case DefinitionList():
             items = (
-                join(tag("dt", term), *(tag("dd", _line(line)) for line in lines))
+                join(tag("dt", term), *(tag("dd", formula(line)) for line in map(_shortened, lines)))
                 for term, lines in block.items[:most]
             )
             shown = tag("dl", *items)
@@ -72,8 +72,8 @@ def _statement(block: Statement) -> Markup:
     return with_code(f"{block.head} {block.text[0]}{said[1:]}" if block.head else said)
 
 
-def _line(line: str) -> Markup:
-    return formula(line.shortened(_MAX_PAGE_FORMULA) if isinstance(line, Formula) else line)
+def _shortened(line: str) -> str:
+    return line.shortened(_MAX_PAGE_FORMULA) if isinstance(line, Formula) else line
 
 
 def _table(block: TextTable, title: str, unfolded: int | None, most: int) -> Markup:
