@@ -82,7 +82,6 @@ class _LazyGroup(click.Group):
         return [name for names in GROUPS.values() for name in names]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
-        """Import and return a command."""
         if name not in COMMANDS:
             return None
         module, _, function = COMMANDS[name][0].partition(":")

@@ -188,7 +188,6 @@ class _Guarded:
         self._coloured = _has_colours(stream)
 
     def write(self, text: str) -> int:
-        """Write a text."""
         safe = printable(text)
         if self._coloured:
             safe = _MARKED.sub(lambda match: f"\033[{str(match.lastgroup)[1:]}m{match[0]}\033[0m", safe)

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
 
 def _topics() -> dict[str, Traversable]:
-    """Return the texts by their topics, in alphabetical order."""
     from importlib.resources import files
 
     texts = [item for item in files("dynid.topics").iterdir() if item.name.endswith(".md")]

@@ -88,7 +88,6 @@ class _Line:
         self._text = f"{what[:_LINE_WIDTH]}{left}"
 
     def end(self) -> None:
-        """Erase the line."""
         self._over.set()
         self._thread.join()
 

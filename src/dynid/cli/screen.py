@@ -90,7 +90,6 @@ def _section_lines(heading: str, blocks: Sequence[Block]) -> Iterator[str]:
 
 
 def _block_lines(block: Block, indent: str) -> Iterator[str]:
-    """Yield a node as lines."""
     match block:
         case Statement():
             yield from _paragraph(block.whole, indent)

@@ -7,8 +7,7 @@ import platform
 import re
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -49,13 +48,12 @@ def demo(output: str | None) -> int:
     The files stay, to be read and changed.
     """
     from dynid.cli import cli
-    from dynid.errors import FileError
 
     folder = Path(output or tempfile.mkdtemp(prefix="dynid-demo-"))
     folder.mkdir(exist_ok=True)
     if any(folder.iterdir()):
         raise FileError(f"{folder} is not empty", remedy="Name another folder with -o.", names=[str(folder)])
-    with _working_in(folder):
+    with chdir(folder):
         for text, command in _STEPS:
             click.echo(f"\n{text}\n\n$ dynid {command}")
             cli.main(command.split(), prog_name="dynid", standalone_mode=False)
@@ -64,16 +62,6 @@ def demo(output: str | None) -> int:
     )
     click.echo("Further: dynid new (templates), dynid help (manual), dynid library (models of machines)")
     return 0
-
-
-@contextmanager
-def _working_in(folder: Path) -> Iterator[None]:
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
 
 
 #: Extras that are of use to users; the others are for development.
@@ -153,7 +141,6 @@ def _requirements() -> tuple[list[str], dict[str, list[str]]]:
 
 
 def _version(name: str) -> str:
-    """Return the version of an installed package, or ''."""
     try:
         return version(name)
     except PackageNotFoundError:
@@ -194,7 +181,6 @@ def _folder() -> Traversable:
 
 
 def _names() -> list[str]:
-    """Return the names of the templates."""
     files = (item.name for item in _folder().iterdir())
     return [*sorted(name.removesuffix(".yaml") for name in files if name.endswith(".yaml")), _CHAIN]
 

@@ -171,7 +171,6 @@ class _Server(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """Address of the page."""
         return f"http://127.0.0.1:{self.server_port}/{self.token}/"
 
     def process_request(self, request: Any, client_address: Any) -> None:
@@ -189,7 +188,6 @@ class _Server(ThreadingHTTPServer):
             raise
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer a request."""
         try:
             super().process_request_thread(request, client_address)
         finally:
@@ -208,7 +206,6 @@ class _Handler(BaseHTTPRequestHandler):
     sys_version = ""
 
     def do_GET(self) -> None:
-        """Send the page, or the stream of events."""
         # A foreign site whose name resolves to this machine sends that name (DNS rebinding).
         names = {f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost")}
         origin = self.headers.get("Origin")

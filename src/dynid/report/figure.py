@@ -157,7 +157,6 @@ class _FigureFamily:
     scene: bool = False
 
     def applies(self, result: Result) -> bool:
-        """Return True if a result may have such figures."""
         if self.scene and not result.attrs.get("scene"):
             return False
         if self.kinds and result.kind not in self.kinds:

@@ -140,7 +140,6 @@ def _near_figure(name: str, names: Collection[str]) -> str:
 
 
 def _draw(plot: Subplot, ax: Axes) -> None:
-    """Draw a subplot: its layers, scales and labels."""
     for layer in plot.layers:
         _draw_layer(layer, ax)
     ax.set(xlabel=plot.x.label, ylabel=plot.y.label, title=plot.title)
@@ -174,8 +173,8 @@ def _draw_layer(layer: Layer, ax: Axes) -> None:
         case Curve():
             ax.plot(np.asarray(layer.x), np.asarray(layer.y), linestyle=line, **style)
         case BandLayer():
-            x, *ends = (np.asarray(values) for values in (layer.x, layer.low, layer.high))
-            ax.fill_between(x, *ends, alpha=0.25, **style)
+            x, low, high = (np.asarray(values) for values in (layer.x, layer.low, layer.high))
+            ax.fill_between(x, low, high, alpha=0.25, **style)
         case Markers():
             face: dict[str, Any] = {"markerfacecolor": "none"} if layer.symbol in _HOLLOW else {}
             x, y = np.atleast_1d(layer.x), np.atleast_1d(layer.y)

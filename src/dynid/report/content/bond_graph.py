@@ -189,7 +189,6 @@ def _of_point(result: Result, name: str, value: str, unit: str) -> list[tuple[st
 
 
 def _operating_point(result: Result) -> Iterator[ReportSection]:
-    """Yield the operating point with the slopes of the laws there."""
     if POINT not in result.group_attrs:
         return
     point, *others = _point_facts(result)

@@ -20,7 +20,6 @@ _ROOTS, _NAMES, _REACHED = (
 
 
 def _parameter_table(result: Result) -> TextTable:
-    """Return the table of the free parameters: start, value, limits, values of other designs."""
     others = texts(result, f"{DESIGN}/compared/design")
     values = (
         result[f"{DESIGN}/compared/value"].data.T if others else [()] * len(result[f"{DESIGN}/name"].data)
@@ -40,7 +39,6 @@ def _parameter_table(result: Result) -> TextTable:
 
 
 def _target_table(result: Result) -> TextTable:
-    """Return the table of the targets: wanted, at the start, reached, and by other designs."""
     group, unit = f"{DESIGN}/targets", frequency_unit(result)
     columns = (*_NAMES, "wanted", "wanted_damping", "damping_wanted", "start", "start_damping", *_REACHED)
     get = {column: result[f"{group}/{column}"].data for column in columns}

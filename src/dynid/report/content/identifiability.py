@@ -172,7 +172,6 @@ class _CalibrationEffects(NamedTuple):
 
 
 def _calibration_effects(result: Result) -> _CalibrationEffects | None:
-    """Return the effects of calibration errors on the estimates; None where the result has none."""
     if f"{_CONSIDERED}/slope" not in result:
         return None
     names = ("parameter", "quantity", "change", "slope")

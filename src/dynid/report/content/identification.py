@@ -135,7 +135,6 @@ def _estimates_group(result: Result) -> str:
 
 
 def _has_estimates(result: Result) -> bool:
-    """Return True if there are estimates, or rejected ones."""
     return f"{_estimates_group(result)}/name" in result
 
 
@@ -292,7 +291,6 @@ def _is_left_to_limits(result: Result) -> bool:
 
 
 def _is_modal(result: Result) -> bool:
-    """Return True if a result is of measured modes alone."""
     return has_modes(result) and f"{_DIAGNOSTICS}/autocorrelation" not in result
 
 
@@ -334,7 +332,6 @@ def cautions(result: Result) -> Iterator[str]:
 
 
 def _reason(result: Result) -> str:
-    """Return why an estimate is not converged."""
     return str(result.value(f"{_DIAGNOSTICS}/verdict")).removeprefix("NOT converged: ")
 
 

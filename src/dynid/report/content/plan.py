@@ -113,7 +113,6 @@ def _position_text(name: str) -> str:
 
 
 def _gain_text(value: float) -> str:
-    """Return the factor by which a choice reduces the bounds."""
     return f"× {value:.3g}" if math.isfinite(value) else ""
 
 

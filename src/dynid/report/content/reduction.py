@@ -48,10 +48,10 @@ def _method_table(result: Result) -> TextTable:
         error = np.abs(_of(result, name, "frequency_error"))[compared]
         agreement = np.diagonal(_of(result, name, "mac"))[compared]
         frac = [f"{result['reduction/frf/frac'].data[index].min():.3f}"] if with_frac else []
-        attrs, condition = (
-            result.group_attrs.get(f"reduction/{name}", {}),
-            result.get(f"reduction/{name}/condition"),
-        )
+        attrs, conditioning = result.group_attrs.get(f"reduction/{name}", {}), ""
+        if (condition := result.get(f"reduction/{name}/condition")) is not None:
+            size = condition.data.item()
+            conditioning = f"{size:,.0f}".replace(",", " ") if 100 <= size < 1e6 else f"{size:.2g}"
         peak = attrs.get("peak_megabytes")
         rows.append(
             (
@@ -61,7 +61,7 @@ def _method_table(result: Result) -> TextTable:
                 percent(100 * error.max()) if len(error) else "",
                 f"{agreement.min():.3f}" if len(agreement) else "",
                 *frac,
-                "" if condition is None else _condition(condition.data.item()),
+                conditioning,
                 seconds_text(attrs.get("seconds")),
                 "" if not isinstance(peak, float) else f"{peak:.1f} MB" if peak >= 0.1 else "-",
             )
@@ -118,11 +118,6 @@ def _span(numbers: list[int]) -> str:
 
 def _frequency(value: float, unit: FrequencyUnit) -> str:
     return quantity(unit.factor * value) if value else "0"
-
-
-def _condition(value: float) -> str:
-    """Return a condition number, to two digits or whole."""
-    return f"{value:,.0f}".replace(",", " ") if 100 <= value < 1e6 else f"{value:.2g}"
 
 
 def seconds_text(value: object) -> str:

@@ -25,11 +25,11 @@ def response_sections(result: Result, base: str) -> Iterator[ReportSection]:
     if f"{group}/omega" in result:
         (low, high, unit), peaks = frequency_span(result, group), peak_responses(result, group)
         rows = []
-        for k, m in np.ndindex(peaks.magnitude.shape):
-            output, source = result[f"{group}/output"].data[k], result[f"{group}/input"].data[m]
-            size = peaks.magnitude[k, m]
-            where = f"{general(peaks.at[k, m])}{peaks.note[k, m]}" if size else "all"
-            rows.append((f"{output} / {source}", general(size), where))
+        for k, output in enumerate(result[f"{group}/output"].data):
+            for m, source in enumerate(result[f"{group}/input"].data):
+                size = peaks.magnitude[k, m]
+                where = f"{general(peaks.at[k, m])}{peaks.note[k, m]}" if size else "all"
+                rows.append((f"{output} / {source}", general(size), where))
         span = f"{counted(len(result[f'{group}/omega'].data), 'frequency')}, {span_text(low, high)} {unit}"
         table = TextTable(
             ("", "peak magnitude", f"frequency ({unit})"),

@@ -47,7 +47,13 @@ def sections(result: Result) -> Iterator[ReportSection]:
     kind = f"positive real, of degree {_about(result, 'degree')}, {_KINDS[_about(result, 'kind')]}"
     items = definitions(function, ("kind", kind), ("zeros", zeros), ("poles", poles))
     yield ReportSection(f"Driving-point {_about(result, 'function')}", (items,), "answer", screen="")
-    table = _form_table(result)
+    rows = []
+    residuals = result["synthesis/residual"].data
+    for form, residual in zip(texts(result, "synthesis/form"), residuals, strict=True):
+        counts = Counter(map(str, result[f"synthesis/{form}/type"].data))
+        numbers = (str(counts[kind]) if counts[kind] else "" for kind in TYPES)
+        rows.append((form, *numbers, f"{residual:.1e}" if residual else "exact"))
+    table = TextTable(("", *TYPES, "error of its coefficients"), tuple(rows))
     yield ReportSection("Forms", (table,), "answer", screen="")
     for form in texts(result, "synthesis/form"):
         rows_of_form = tuple(_elements(result, form))
@@ -65,18 +71,6 @@ def _wanted(result: Result) -> tuple[tuple[str, str], str, str]:
     formula = next(iter(numeric_forms(result, "synthesis")), "as given")
     zeros, poles = (roots_text(result[f"synthesis/{kind}"].data, hertz=hertz) for kind in ("zeros", "poles"))
     return (name, f"{formula} {unit}".rstrip()), zeros, poles
-
-
-def _form_table(result: Result) -> TextTable:
-    """Return the table of the forms: the numbers of elements of each form, and its error analysed back."""
-    rows = []
-    for form, residual in zip(
-        texts(result, "synthesis/form"), result["synthesis/residual"].data, strict=True
-    ):
-        counts = Counter(map(str, result[f"synthesis/{form}/type"].data))
-        numbers = (str(counts[kind]) if counts[kind] else "" for kind in TYPES)
-        rows.append((form, *numbers, f"{residual:.1e}" if residual else "exact"))
-    return TextTable(("", *TYPES, "error of its coefficients"), tuple(rows))
 
 
 def _elements(result: Result, form: str) -> Iterator[tuple[str, str, str]]:

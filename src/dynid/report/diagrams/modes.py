@@ -62,7 +62,6 @@ def _pairs(result: Result) -> Chart:
 
 
 def _tables(result: Result) -> Chart:
-    """Draw the MAC of all pairs, before and after."""
     rows = texts(result, f"{GROUP}/mode")
     columns = texts(result, f"{GROUP}/computed")
     rows_of_modes = [
@@ -109,7 +108,6 @@ class _ShapeGrid:
         return placed
 
     def render(self) -> str:
-        """Return the figure."""
         width = 2 * (_PAD + self.side) + self.beside * (_WIDTH + self.between) - self.between
         return self.svg.render(width, _PAD + TITLE + 22 + -(-self.count // _BESIDE) * self.row_height)
 

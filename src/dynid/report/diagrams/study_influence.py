@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from dynid.arrays import Array
 from dynid.number_format import general
 from dynid.report.diagrams.study_samples import StudyNumbers
 from dynid.report.figure import CellValue, Figure, FigureTable
@@ -130,7 +129,11 @@ def _indices(numbers: StudyNumbers) -> Chart:
             ]
             cls = series_class(off < 0)
             layers.append(Bars(place + off, zero, np.clip(percent, 0, 100), label, cls, thick, True, tips))
-            layers.append(_whiskers(place + off, percent - half, percent + half))
+            # Horizontal lines between the ends of the standard errors, with gaps between them.
+            gap, at = np.full(len(order), np.nan), place + off
+            ends = [np.clip(percent - half, 0, 100), np.clip(percent + half, 0, 100), gap]
+            x, y = np.column_stack(ends).ravel(), np.column_stack([at, at, gap]).ravel()
+            layers.append(Curve(x, y, "± standard error", "line", spans=False))
         upright = PlotAxis("", names=tuple(names[k] for k in order))
         height = max(70.0, 26.0 * len(order))
         across = PlotAxis("part of the variance (%)", low=0, high=100)
@@ -147,11 +150,3 @@ def _indices(numbers: StudyNumbers) -> Chart:
         "standard error of the total",
     )
     return _in_pairs(subplots, about, FigureTable(columns, tuple(rows)), "too few samples")
-
-
-def _whiskers(height: Array, low: Array, high: Array) -> Curve:
-    """Return horizontal lines between the ends of standard errors, of parts from 0 to 100 %."""
-    gap = np.full(len(height), np.nan)
-    x = np.column_stack([np.clip(low, 0, 100), np.clip(high, 0, 100), gap]).ravel()
-    y = np.column_stack([height, height, gap]).ravel()
-    return Curve(x, y, "± standard error", "line", spans=False)

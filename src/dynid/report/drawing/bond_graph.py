@@ -85,7 +85,6 @@ def drawn_graph(result: Result) -> DrawnGraph:
 
 
 def _graph_of(scene: Scene) -> DrawnGraph:
-    """Return the graph of a scene."""
     model, types = scene.model, scene.names.nodes
     nodes, boxes, laws = [], dict[str, str](), dict[str, tuple[str, ...]]()
 
@@ -338,8 +337,6 @@ def _before_merging(before: Snapshot, after: Snapshot) -> Snapshot:
 
 
 class _SnapshotSketch:
-    """Sketch of the graph that is left after a step."""
-
     def __init__(
         self,
         drawn: DrawnGraph,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import random
 from collections.abc import Hashable, Iterable
 from itertools import pairwise
+from statistics import median
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -136,8 +137,8 @@ class ColumnOrder(Generic[T]):
     def _sweep(self, near: dict[T, list[T]]) -> None:
         """Move the items of every column to the medians of their neighbours on a side, then swap some."""
         for items in self.columns if near is self._left else self.columns[::-1]:
-            heights = {item: _median(self._places(near[item]), self._position[item]) for item in items}
-            items.sort(key=heights.__getitem__)
+            places = {item: self._places(near[item]) or [self._position[item]] for item in items}
+            items.sort(key=lambda item: median(places[item]))
             swapped = True
             while swapped:
                 swapped = False
@@ -161,7 +162,3 @@ class ColumnOrder(Generic[T]):
 
     def _number(self, items: list[T]) -> None:
         self._position.update((item, k) for k, item in enumerate(items))
-
-
-def _median(places: list[int], default: int) -> float:
-    return (places[(len(places) - 1) // 2] + places[len(places) // 2]) / 2 if places else default

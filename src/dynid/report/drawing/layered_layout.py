@@ -146,8 +146,6 @@ def _predecessors(start: str, ties: Ties, without: str | None = None) -> dict[st
 
 
 class _LayoutBuilder:
-    """Builder of the layered layout of one connected part."""
-
     def __init__(self, sketch: Sketch, ties: dict[str, list[tuple[str, int]]]) -> None:
         self.sketch, self.ties = sketch, ties
 

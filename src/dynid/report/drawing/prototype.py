@@ -60,7 +60,6 @@ class _BlockDiagram:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height, px."""
         return self._width + 4 * _GAP + 2 * self._side, 2 * _HEIGHT + 58
 
     @property

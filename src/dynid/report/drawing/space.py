@@ -140,12 +140,10 @@ class _SpaceDrawing:
         self.svg = Svg("structure", f"Structure of {title}")
 
     def at(self, point: Array) -> Point:
-        """Return the place of a point (3) on the paper."""
         x, y = self.space.flat(point)
         return self.scale * float(x - self.low[0]), self.scale * float(self.high[1] - y)
 
     def picture(self) -> Picture:
-        """Return the figure."""
         space, svg = self.space, self.svg
         self._draw_lines()
         self._draw_supports()
@@ -201,7 +199,6 @@ class _SpaceDrawing:
                 svg.circle(x, y, 2.2, "solid")
 
     def _keep_clear(self, start: Point, end: Point) -> None:
-        """Keep texts off a line."""
         steps = int(max(abs(end[0] - start[0]), abs(end[1] - start[1])) // 4) + 2
         self.strokes += zip(
             np.linspace(start[0], end[0], steps), np.linspace(start[1], end[1], steps), strict=True
@@ -267,7 +264,6 @@ class _SpaceDrawing:
                 self.texts.append((tip, name, f"small {cls}"))
 
     def _draw_axes(self) -> None:
-        """Draw the basic directions at the lower left."""
         left, bottom = min(box[0] for box in self.boxes), max(box[3] for box in self.boxes)
         x, y = left + 24.0, bottom + 44.0
         for name, way in zip("xyz", np.eye(3), strict=True):

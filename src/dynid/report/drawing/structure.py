@@ -86,7 +86,6 @@ class _ChainDrawing:
                 self.over.append(tie)
 
     def render(self) -> str:
-        """Draw everything and return the figure."""
         rows = max((sum(map(_rows, gap)) for gap in self.between), default=1)
         texts = max((sum(len(tie.texts) for tie in gap) for gap in self.between), default=0)
         self.half = max(rows * _ROW, 44) / 2
@@ -200,7 +199,6 @@ class _FrameDrawing:
         self.middle = sum(x for x, _ in self.points.values()) / len(self.points)
 
     def render(self) -> str:
-        """Draw everything and return the figure."""
         svg, members, supports = self.svg, self.geometry.members, self.geometry.supports
         for nodes in members:
             svg.line(*(self.points[node] for node in nodes), cls="bond")
@@ -251,7 +249,9 @@ class _FrameDrawing:
         nodes = [_node_of(dof) for dof in tie.dofs]
         (x, y), (x2, y2) = self.points[nodes[0]], self.points[nodes[-1]]
         if len(nodes) == 1 and _way(tie.dofs[0]) == "rz":
-            _turning_spring(svg, x, y, cls)
+            # A rotational spring: a spiral around the node, down to ground.
+            spiral = "m-2 0 a5 5 0 1 1 7 5 a11 11 0 1 1 7 -12 a17 17 0 0 1 -10 22"
+            svg.element("path", cls, d=f"M{x:.1f} {y:.1f} {spiral}")
             for number, text in enumerate(tie.texts):
                 svg.text(x - 24, y + 16 + _LEADING * number, text, tie.text_class, anchor="end")
             return
@@ -342,13 +342,6 @@ def damper(svg: Svg, start: Point, end: Point, cls: str = "line") -> None:
     svg.line(*(_offset(start, end, *corner) for corner in cup), cls=cls)
     svg.line(_offset(start, end, 0.54, -_WIND + 2), _offset(start, end, 0.54, _WIND - 2), cls=cls)
     svg.line(_offset(start, end, 0.54, 0), _offset(start, end, 1, 0), cls=cls)
-
-
-def _turning_spring(svg: Svg, x: float, y: float, cls: str = "line") -> None:
-    """Draw a rotational spring around a point: a spiral down to ground."""
-    svg.element(
-        "path", cls, d=f"M{x:.1f} {y:.1f} m-2 0 a5 5 0 1 1 7 5 a11 11 0 1 1 7 -12 a17 17 0 0 1 -10 22"
-    )
 
 
 def ground(svg: Svg, at: Point, side: str) -> None:

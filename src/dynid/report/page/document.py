@@ -148,7 +148,6 @@ def _entry(figure: Figure) -> tuple[str, str]:
 
 
 def _folded(name: str, title: str, *inside: str) -> Markup:
-    """Return content below its heading, folded."""
     return tag("details", tag("summary", tag("h3", title)), *inside, id=name, class_="fold")
 
 

@@ -88,7 +88,7 @@ class Subplot:
         heading = _with_power(self.y.label, ticks)
         if self.title or text_width(heading, SMALL) <= height + _OVER:
             return self.title, heading
-        name, units = _in_parts(self.y.label)
+        name, units = in_parts(self.y.label)
         return name, " ".join(filter(None, (f"10{raised(ticks.power)}" if ticks.power else "", units)))
 
     def area(self, left: float, top: float, width: float, height: float) -> PlotArea:
@@ -353,11 +353,11 @@ def _with_power(label: str, ticks: Ticks) -> str:
     if not (ticks.power and label):
         return label
     power = f"10{raised(ticks.power)}"
-    name, units = _in_parts(label)
+    name, units = in_parts(label)
     return f"{name} ({power} {units})" if units else f"{label} ({power})"
 
 
-def _in_parts(label: str) -> tuple[str, str]:
+def in_parts(label: str) -> tuple[str, str]:
     """Return the name and the units of a label: `time (s)`."""
     name, bracket, units = label.rpartition(" (")
     return (name, units.removesuffix(")")) if bracket and units.endswith(")") else (label, "")
@@ -371,7 +371,7 @@ def fitted_label(text: str, space: float) -> tuple[str, str]:
     """
     if text_width(text, SIZE) <= space:
         return text, "label"
-    name, units = _in_parts(text)
+    name, units = in_parts(text)
     if name in _SYMBOLS and text_width(text, SMALL) > space:
         return fitted_label(f"{_SYMBOLS[name]} ({units})" if units else _SYMBOLS[name], space)
     return _shortened(name, f" ({units})" if units else "", space), "label small"

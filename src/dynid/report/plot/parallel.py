@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynid.report.notation import raised
 from dynid.report.plot.axis import PlotAxis, shortened
-from dynid.report.plot.chart import embedded
+from dynid.report.plot.chart import embedded, in_parts
 from dynid.report.svg import SMALL, TITLE, Svg, path_of, text_width
 
 #: Space around, height of the axes, least distance between them, and lines above them, px.
@@ -21,19 +21,22 @@ _HUES = ("s1", "s6", "s3", "s5", "s2")
 
 
 def parallel_coordinates(
-    name: str,
+    figure: str,
     title: str,
     axes: Sequence[PlotAxis],
     values: NDArray[np.float64],
     description: str = "",
 ) -> str:
     """Draw samples (× axes, all finite) as lines across upright axes; the last column gives the colours."""
-    svg = Svg(name, title, description)
+    svg = Svg(figure, title, description)
     top = _PAD + 2 * _LINE
     if embedded.get() is None:  # a page has the title above the figure
         svg.text(_PAD, _PAD + TITLE, title, "title", anchor="start")
         top += TITLE + _LINE
-    heads = [_head(axis.label) for axis in axes]
+    heads = []  # of every axis its name and its units, one below the other
+    for axis in axes:
+        name, units = in_parts(axis.label)
+        heads.append([shortened(name, _LETTERS), *([f"({units})"] if units else [])])
     widest = max(text_width(line, SMALL, bold=True) for head in heads for line in head)
     apart = max(_APART, widest + 12)
     left = _PAD + widest / 2 + 10
@@ -59,12 +62,6 @@ def parallel_coordinates(
             svg.text(x, bottom + 16, f"× 10{raised(ticks.power)}", "small muted")
     width = across[-1] + widest / 2 + 10 + _PAD
     return svg.render(max(width, 2 * _PAD + text_width(title, TITLE, bold=True)), bottom + 26)
-
-
-def _head(label: str) -> list[str]:
-    """Return the name and the units of an axis, one below the other."""
-    name, bracket, units = label.rpartition(" (")
-    return [shortened(name, _LETTERS), f"({units}"] if bracket else [shortened(label, _LETTERS)]
 
 
 def _draw_lines(
