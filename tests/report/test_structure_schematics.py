@@ -187,8 +187,9 @@ def test_names_by_node_and_direction_draw_the_same_picture():
 def test_the_force_on_a_signed_dof_points_the_other_way():
     def arrow(dof):
         svg = drawn(FRAME.replace("inputs: [u_2]", f"inputs: ['{dof}']")).svg
-        (line,) = (one.get("d") for one in ET.fromstring(svg).iterfind(".//{*}path[@class='bond s2']"))
-        return [tuple(map(float, point.split())) for point in line[1:].split("L")]
+        paths = [ET.fromstring(svg).findall(f".//{{*}}path[@class='{cls}']") for cls in ("bond s2", "s2 dot")]
+        # The line starts at the tail; the head starts at the tip.
+        return [tuple(map(float, path.get("d")[1:].partition(" L")[0].split())) for (path,) in paths]
 
     for way in "xy":
         assert arrow(f"2:-{way}") == arrow(f"2:{way}")[::-1]

@@ -148,13 +148,9 @@ class TypesetFormula:
     def then(self, formula: TypesetFormula) -> TypesetFormula:
         """Return it with another formula appended."""
         appended = formula.moved(self.width, 0)
-        return TypesetFormula(
-            self.pieces + appended.pieces,
-            self.bars + appended.bars,
-            self.width + formula.width,
-            max(self.above, formula.above),
-            max(self.below, formula.below),
-        )
+        pieces, bars = self.pieces + appended.pieces, self.bars + appended.bars
+        above, below = max(self.above, formula.above), max(self.below, formula.below)
+        return TypesetFormula(pieces, bars, self.width + formula.width, above, below)
 
 
 def typeset(latex: str, size: float = TITLE) -> TypesetFormula:
@@ -166,16 +162,9 @@ def draw_formula(svg: Svg, formula: TypesetFormula, x: float, y: float, cls: str
     """Draw a formula with the left end of its baseline at a point."""
     for piece in formula.pieces:
         styles = " ".join(filter(None, ("math", "it" if piece.italic else "", cls)))
-        svg.element(
-            "text",
-            styles,
-            plain(piece.text),
-            x=x + piece.x,
-            y=y + piece.y,
-            style=f"font-size: {number(piece.size)}px",
-            textLength=piece.width,
-            lengthAdjust="spacingAndGlyphs",
-        )
+        options: dict[str, str | float] = {"textLength": piece.width, "lengthAdjust": "spacingAndGlyphs"}
+        style = f"font-size: {number(piece.size)}px"
+        svg.element("text", styles, plain(piece.text), x=x + piece.x, y=y + piece.y, style=style, **options)
     for left, height, width in formula.bars:
         svg.line((x + left, y + height), (x + left + width, y + height), cls="line")
 

@@ -71,20 +71,13 @@ def sections(result: Result) -> Iterator[ReportSection]:
 
 
 def _table(about: Mapping[str, Scalar], measurements: list[BenchmarkRow]) -> TextTable:
-    rows = tuple(
-        (
-            row.name,
-            f"{row.size:,}",
-            time_text(row.time),
-            memory_text(row.memory),
-            _error_text(row.error),
-            row.marks,
-        )
-        for row in measurements
-    )
+    rows = []
+    for row in measurements:
+        costs = (time_text(row.time), memory_text(row.memory), _error_text(row.error))
+        rows.append((row.name, f"{row.size:,}", *costs, row.marks))
     marked = frozenset(k for k, row in enumerate(measurements) if row.best)
     heads = ("", str(about["size"]), "time", "memory", "error", "")
-    return TextTable(heads, rows, marked, str(about["title"]), brief=ALL, most=ALL)
+    return TextTable(heads, tuple(rows), marked, str(about["title"]), brief=ALL, most=ALL)
 
 
 def _error_text(error: float) -> str:

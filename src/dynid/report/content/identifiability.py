@@ -326,19 +326,14 @@ def calibration_sections(result: Result) -> Iterator[ReportSection]:
     effects = _calibration_effects(result)
     if effects is None or not effects.changes:
         return
+
+    def cell(move: float) -> str:
+        if not np.isfinite(move):
+            return "not identifiable"
+        return "-" if abs(move) < _MIN_CHANGE else _percent(move)
+
     rows = tuple(
-        (
-            change,
-            *(
-                "not identifiable"
-                if not np.isfinite(move)
-                else "-"
-                if abs(move) < _MIN_CHANGE
-                else _percent(move)
-                for move in effects.moves[:, j]
-            ),
-        )
-        for j, change in enumerate(effects.changes)
+        (change, *map(cell, moves)) for change, moves in zip(effects.changes, effects.moves.T, strict=True)
     )
     caption = "first-order changes of the estimates that each error would cause"
     table = on_page(TextTable(("", *effects.parameters), rows, caption=caption, noun="quantity"))

@@ -205,16 +205,8 @@ def _parameter_table(result: Result) -> TextTable:
         truth = (quantity(true), off) if compared else ()
         bound_size = float(get["cramer_rao"][k]) if bounded else 0.0
         bound = (percent(100 * bound_size / abs(true)) if true else quantity(bound_size),) if bounded else ()
-        rows.append(
-            (
-                headed(name, get["unit"][k]),
-                quantity(get["start"][k]),
-                *shown,
-                *residual_noise,
-                *truth,
-                *bound,
-            )
-        )
+        first = (headed(name, get["unit"][k]), quantity(get["start"][k]))
+        rows.append((*first, *shown, *residual_noise, *truth, *bound))
     heads = ("", "start", "rejected estimate" if result.rejected else "estimate", *bars, *truths)
     return TextTable(heads, tuple(rows), brief=ALL, most=ALL)
 

@@ -57,15 +57,12 @@ def _excitation(result: Result) -> Iterator[ReportSection]:
     efficiency = _efficiency(result, group, f"{driven}s")
     yield ReportSection("Excitation", (sines, efficiency), "answer", screen="")
     columns = (result[f"{group}/bands/{name}"].data for name in ("dof", "low", "high", "bound"))
-    spans = tuple(
-        (
-            f"{_position_text(dof)}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}",
-            *map(bound_text, bounds),
-        )
-        for dof, low, high, bounds in zip(*columns, strict=True)
-    )
+    spans = []
+    for dof, low, high, bounds in zip(*columns, strict=True):
+        span = f"{span_text(unit.factor * low, unit.factor * high)} {unit.name}"
+        spans.append((f"{_position_text(dof)}: {span}", *map(bound_text, bounds)))
     caption = f"best frequency bands, flat {driven} spectrum with the same RMS (steady state)"
-    bands = TextTable(("", *names), spans, caption=caption, noun="band", brief=5, most=12)
+    bands = TextTable(("", *names), tuple(spans), caption=caption, noun="band", brief=5, most=12)
     settling = result.get(f"{group}/settling_time")
     condition = ", which an undamped structure does not reach by itself"
     if settling is not None:

@@ -50,25 +50,18 @@ def _method_table(result: Result) -> TextTable:
         frac = [f"{result['reduction/frf/frac'].data[index].min():.3f}"] if with_frac else []
         attrs, conditioning = result.group_attrs.get(f"reduction/{name}", {}), ""
         if (condition := result.get(f"reduction/{name}/condition")) is not None:
-            size = condition.data.item()
-            conditioning = f"{size:,.0f}".replace(",", " ") if 100 <= size < 1e6 else f"{size:.2g}"
+            number = condition.data.item()
+            conditioning = f"{number:,.0f}".replace(",", " ") if 100 <= number < 1e6 else f"{number:.2g}"
         peak = attrs.get("peak_megabytes")
-        rows.append(
-            (
-                name,
-                str(len(_of(result, name, "coordinate"))),
-                *(_frequency(frequency_of[k], unit) if k in frequency_of else "" for k in shown),
-                percent(100 * error.max()) if len(error) else "",
-                f"{agreement.min():.3f}" if len(agreement) else "",
-                *frac,
-                conditioning,
-                seconds_text(attrs.get("seconds")),
-                "" if not isinstance(peak, float) else f"{peak:.1f} MB" if peak >= 0.1 else "-",
-            )
-        )
+        frequencies = (_frequency(frequency_of[k], unit) if k in frequency_of else "" for k in shown)
+        worst = percent(100 * error.max()) if len(error) else ""
+        least = f"{agreement.min():.3f}" if len(agreement) else ""
+        memory = "" if not isinstance(peak, float) else f"{peak:.1f} MB" if peak >= 0.1 else "-"
+        effort = (conditioning, seconds_text(attrs.get("seconds")), memory)
+        size = str(len(_of(result, name, "coordinate")))
+        rows.append((name, size, *frequencies, worst, least, *frac, *effort))
     took = seconds_text(result.group_attrs.get("reduction", {}).get("seconds"))
-    effort = f"; its modes took {took}" if took else ""
-    caption = f"{counted(len(result['reduction/dof'].data), 'DOF')}{effort}"
+    caption = counted(len(result["reduction/dof"].data), "DOF") + (f"; its modes took {took}" if took else "")
     heads = (*columns, "condition", "time", "memory")
     return TextTable(heads, tuple(rows), frozenset({0}), caption, brief=ALL)
 

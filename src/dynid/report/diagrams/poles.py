@@ -86,18 +86,11 @@ def roots_of(result: Result, group: str) -> list[Roots]:
 
 def _pole_zero_maps(result: Result, group: str) -> Chart:
     kinds, unit = roots_of(result, group), frequency_unit(result)
-    rows: tuple[tuple[CellValue, ...], ...] = tuple(
-        (
-            what,
-            value.real,
-            value.imag,
-            unit.factor * abs(value),
-            -value.real / abs(value) if abs(value) > 0 else math.nan,
-            float(bound),
-        )
-        for what, values, bounds in kinds
-        for value, bound in zip(values.tolist(), bounds, strict=True)
-    )
+    rows: list[tuple[CellValue, ...]] = []
+    for what, values, bounds in kinds:
+        for value, bound in zip(values.tolist(), bounds, strict=True):
+            damping = -value.real / abs(value) if abs(value) > 0 else math.nan
+            rows.append((what, value.real, value.imag, unit.factor * abs(value), damping, float(bound)))
     sizes = np.abs(np.concatenate([values for _, values, _ in kinds] or [np.zeros(0, complex)]))
     # Roots that lie before a wide gap of magnitudes have a second map.
     positive = np.sort(sizes[np.isfinite(sizes) & (sizes > 0)])
@@ -132,7 +125,7 @@ def _pole_zero_maps(result: Result, group: str) -> Chart:
         "ζ",
         "error bound (rad/s)",
     )
-    return Chart([maps], about, FigureTable(columns, rows), width, 360.0, legend=legend)
+    return Chart([maps], about, FigureTable(columns, tuple(rows)), width, 360.0, legend=legend)
 
 
 def _root_text(root: complex) -> str:
@@ -304,14 +297,13 @@ def _sensitivities(result: Result) -> Chart:
             label = f"|{name}|, {loop}"
             layers.append(Curve(at.shown, sizes, label, f"{series_class(index)}{style}"))
             columns[f"{label} (dB)"] = sizes
+    names = ("loop", "stable", "Ms", "Mt")
+    margins = zip(*(result[f"bond_graph/margins/{name}"].data[:_LOOPS] for name in names), strict=True)
     peaks = ", ".join(
         f"{loop}: Ms {short(float(Ms))}, Mt {short(float(Mt))}"
         if stable
         else f"{loop}: not defined (not stable)"
-        for loop, stable, Ms, Mt in zip(
-            *(result[f"bond_graph/margins/{name}"].data[:_LOOPS] for name in ("loop", "stable", "Ms", "Mt")),
-            strict=True,
-        )
+        for loop, stable, Ms, Mt in margins
     )
     about = f"S = 1/(1 + L), drawn through, and T = L/(1 + L), dashed. Peaks over all frequencies: {peaks}."
     plot = Subplot(at.axis, PlotAxis("magnitude (dB)"), layers, height=260.0)

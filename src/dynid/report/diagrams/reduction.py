@@ -40,17 +40,11 @@ def figures(result: Result) -> Iterator[Figure]:
     if compared:
         title = "Frequencies of the reduced models"
         yield Figure("reduction-frequencies", title, partial(_frequencies, result, compared))
-    matrices: list[Matrix] = [
-        (
-            method,
-            result[f"reduction/{method}/mac"].data,
-            [str(k) for k in result[f"reduction/{method}/mode"].data],
-            [str(k) for k in result[f"reduction/{method}/full_mode"].data],
-            ("reduced mode", "full mode"),
-        )
-        for method in methods
-        if f"reduction/{method}/mac" in result
-    ]
+    matrices: list[Matrix] = []
+    for method in methods:
+        if (mac := result.get(f"reduction/{method}/mac")) is not None:
+            rows, columns = (texts(result, f"reduction/{method}/{axis}") for axis in ("mode", "full_mode"))
+            matrices.append((method, mac.data, rows, columns, ("reduced mode", "full mode")))
     if matrices:
         about = "1: the modes of the reduced and of the full model have the same shape; 0: orthogonal shapes."
         draw = partial(matrix_chart, matrices, (0.0, 1.0), about)

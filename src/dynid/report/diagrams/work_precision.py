@@ -36,14 +36,10 @@ def figures(result: Result) -> Iterator[Figure]:
         names = dict.fromkeys(
             path.split("/")[2] for path in result if path.startswith(f"{group}/") and path.endswith("/time")
         )
-        alternatives = {
-            name: {
-                column: result[f"{group}/{name}/{column}"]
-                for column in (*_COLUMNS, "default", "chosen")
-                if f"{group}/{name}/{column}" in result
-            }
-            for name in names
-        }
+        alternatives = {}
+        for name in names:
+            paths = {column: f"{group}/{name}/{column}" for column in (*_COLUMNS, "default", "chosen")}
+            alternatives[name] = {column: result[path] for column, path in paths.items() if path in result}
         name, title = group.replace("/", "-"), group.partition("/")[2]
         if any("error" in columns for columns in alternatives.values()):
             draw = partial(_over_error, result, group, alternatives)

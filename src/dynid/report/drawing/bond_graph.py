@@ -289,13 +289,9 @@ def _strip_picture(drawn: DrawnGraph, port: Port, rows: list[dict[str, str]]) ->
         svg.text(62, height + 8 + SMALL / 3, f"dashed: {_DASHED}", "small muted", anchor="start")
         height = height + 8 + 2 * SMALL
         caption += f" Dashed lines are {_DASHED}."
-    table = FigureTable(
-        ("step", "rule", "nodes", "equation", "meaning"),
-        tuple(
-            (number, row["rule"], row["nodes"], row["equation"], row["meaning"])
-            for number, row in enumerate(rows, 1)
-        ),
-    )
+    columns = ("rule", "nodes", "equation", "meaning")
+    cells = tuple((number, *(row[column] for column in columns)) for number, row in enumerate(rows, 1))
+    table = FigureTable(("step", *columns), cells)
     return Picture(svg.render(width, height), caption, table)
 
 

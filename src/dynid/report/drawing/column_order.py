@@ -107,8 +107,8 @@ class ColumnOrder(Generic[T]):
             self._left[right_item].append(left_item)
         self._position = {item: k for items in columns for k, item in enumerate(items)}
 
-    def improve(self) -> None:
-        """Order the columns."""
+    def improve(self) -> int:
+        """Order the columns, and return the number of crossings."""
         best, fewest = [list(items) for items in self.columns], self._count_crossings()
         shuffle = random.Random(0)
         for start in range(_STARTS):
@@ -124,6 +124,7 @@ class ColumnOrder(Generic[T]):
                 break
         for items, chosen in zip(self.columns, best, strict=True):
             items[:] = chosen
+        return fewest
 
     def _count_crossings(self) -> int:
         """Return the number of pairs of links that cross."""

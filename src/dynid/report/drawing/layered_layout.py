@@ -66,6 +66,7 @@ class LayeredLayout:
     ports: dict[str, tuple[int, int]]
     children: dict[str, list[str]]
     hanging: dict[str, int]
+    crossings: int
 
     def assign_heights(self) -> None:
         """Give every item its height: bonds as straight as the space of all items allows."""
@@ -173,7 +174,7 @@ class _LayoutBuilder:
                 from_source = self._longest_path(str(source))
                 path = from_source if len(from_source) * 2 > len(path) else path
         columns = [[LayoutItem(name)] for name in path]
-        return self._finish(columns, dict(zip(path, range(len(path)), strict=True)), {})
+        return self._finish(columns, dict(zip(path, range(len(path)), strict=True)), {}, 0)
 
     def _longest_path(self, start: str, without: str | None = None) -> list[str]:
         """Return the path to the farthest node; the source and the target count as a little farther."""
@@ -230,8 +231,7 @@ class _LayoutBuilder:
             for route in routes.values()
             for a, b in pairwise(route)
         ]
-        ColumnOrder(columns, links).improve()
-        return self._finish(columns, column_of, routes)
+        return self._finish(columns, column_of, routes, ColumnOrder(columns, links).improve())
 
     def _ends(self, core: list[str]) -> tuple[list[str], list[str]]:
         """Return the paths from the source into the loops, and out of them to the target."""
@@ -258,6 +258,7 @@ class _LayoutBuilder:
         columns: list[list[LayoutItem]],
         column_of: dict[str, int],
         routes: dict[int, list[Waypoint]],
+        crossings: int,
     ) -> LayeredLayout:
         """Route the other bonds of the spine, spread the bonds at its nodes, and attach the trees."""
         item = {i.name: i for column in columns for i in column if i.name is not None}
@@ -281,7 +282,7 @@ class _LayoutBuilder:
                     hanging[neighbour] = index
                     queue.append(neighbour)
         sides = {name: (west, east) for name, (west, east) in ports.items()}
-        return LayeredLayout(columns, routes, sides, children, hanging)
+        return LayeredLayout(columns, routes, sides, children, hanging, crossings)
 
 
 def _spread_bonds(columns: list[list[LayoutItem]], routes: dict[int, list[Waypoint]]) -> None:

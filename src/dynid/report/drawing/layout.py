@@ -52,6 +52,7 @@ class GraphLayout:
 
     boxes: dict[str, Box] = field(default_factory=dict)
     routes: list[list[Point]] = field(default_factory=list)
+    crossings: int = 0
 
     @property
     def frame(self) -> Box:
@@ -168,6 +169,7 @@ def lay_out(sketch: Sketch) -> GraphLayout:
             layout.boxes[name] = box.moved(-frame.left, below - frame.top)
         for index, route in component.routes.items():
             layout.routes[index] = [(x - frame.left, y + below - frame.top) for x, y in route]
+        layout.crossings += spine.crossings
         below += frame.bottom - frame.top + 2 * GAP
     return layout
 

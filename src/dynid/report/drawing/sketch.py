@@ -236,12 +236,6 @@ def folded(sketch: Sketch, within: str = "") -> Sketch:
 
 def _shown(name: list[str], above: list[str]) -> str:
     """Return the node or box that stands for a node: one part of its name below the place that is shown."""
-    common = next(
-        (
-            k
-            for k, (part_of_name, part_above) in enumerate(zip(name, above, strict=False))
-            if part_of_name != part_above
-        ),
-        len(above),
-    )
+    pairs = enumerate(zip(name, above, strict=False))
+    common = next((k for k, (part, part_above) in pairs if part != part_above), len(above))
     return ".".join(name[: common + 1])

@@ -80,14 +80,10 @@ def _table(block: TextTable, title: str, unfolded: int | None, most: int) -> Mar
     table = block.filled()
     numeric, lines = table.numeric(), []
     for k, row in enumerate(table.rows[:most]):
-        cells = (
-            tag(
-                "td",
-                table_entry(value),
-                class_="n" if right else "long" if len(value) > _LONG_TEXT else None,
-            )
-            for value, right in zip(row[1:], numeric[1:], strict=True)
-        )
+        cells = []
+        for value, right in zip(row[1:], numeric[1:], strict=True):
+            cls = "n" if right else "long" if len(value) > _LONG_TEXT else None
+            cells.append(tag("td", table_entry(value), class_=cls))
         head = tag("th", row[0], scope="row") if row[0] else tag("td")
         lines.append(tag("tr", head, *cells, class_="marked" if k in table.marked else None))
     label = f"{table.caption[0].upper()}{table.caption[1:]}" if table.caption else title
