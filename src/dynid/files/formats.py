@@ -46,33 +46,21 @@ Content: TypeAlias = Literal["matrix", "matrices", "nodes", "mesh", "columns", "
 
 @dataclass(frozen=True)
 class FileFormat:
-    """A file format and its readers, None of what its files do not hold.
-
-    Parameters
-    ----------
-    name
-        Its name.
-    extensions
-        The endings of its files.
-    matrix, matrices
-        Readers of the only matrix of a file, and of one of several.
-    nodes, mesh
-        Readers of the nodes of a structure, and of a mesh of solids, which may refer to other files.
-    columns, responses, modes
-        Readers of measured data: columns of numbers, frequency responses, modes.
-    recognised
-        Function that recognises the first bytes of a file; default: the ending suffices.
-    """
+    """A file format and its readers, None of what its files do not hold."""
 
     name: str
     extensions: tuple[str, ...]
+    #: Readers of the only matrix of a file, and of one of several.
     matrix: Callable[[Path], ImportedMatrix] | None = None
     matrices: Container | None = None
+    #: Readers of the nodes of a structure, and of a mesh of solids, which may refer to other files.
     nodes: Callable[[Path], NodeFile] | None = None
     mesh: Callable[[Path, Sequence[Path]], MeshData] | None = None
+    #: Readers of measured data: columns of numbers, frequency responses, modes.
     columns: Callable[[DataFile, ColumnRequest], DataTable] | None = None
     responses: Callable[[DataFile, ResponseLayout], MeasuredResponses] | None = None
     modes: Callable[[DataFile, Mapping[str, str]], ModalTable] | None = None
+    #: Function that recognises the first bytes of a file; default: the ending suffices.
     recognised: Callable[[bytes], bool] | None = None
 
 

@@ -25,20 +25,11 @@ USE_REAL_PART = "Save its real part; its imaginary part describes damping, in a 
 
 @dataclass(frozen=True, eq=False)
 class ImportedMatrix:
-    """A matrix as it is stored in a file.
-
-    Attributes
-    ----------
-    matrix
-        Array or sparse matrix.
-    labels
-        Labels of rows and columns, where the format has them.
-    at_least
-        True where the format does not state the size: rows and columns at the end may be missing.
-    """
+    """A matrix as it is stored in a file."""
 
     matrix: Matrix
-    labels: tuple[Label, ...] = ()
+    labels: tuple[Label, ...] = ()  # labels of rows and columns, where the format has them
+    #: True where the format does not state the size: rows and columns at the end may be missing.
     at_least: bool = False
 
 

@@ -12,27 +12,15 @@ from dynid.structure.solid_elements import Places
 
 
 class MeshData(NamedTuple):
-    """Nodes and cells of a file.
+    """Nodes and cells of a file."""
 
-    Attributes
-    ----------
-    xyz
-        Positions of the nodes (N x 2 or 3), in the unit of the file.
-    numbers
-        Numbers of the nodes (N); None where they are not known.
-    cells
-        Kinds of cells by their names in meshio, and the places of their nodes (e x n), from 0, in its order.
-    groups
-        Groups of cells by name: for each of `cells` the places of its members.
-    sets
-        Sets of nodes by name, as places.
-    """
-
-    xyz: Array
-    numbers: tuple[int, ...] | None
+    xyz: Array  # positions of the nodes (N x 2 or 3), in the unit of the file
+    numbers: tuple[int, ...] | None  # numbers of the nodes (N); None where they are not known
+    #: Kinds of cells by their names in meshio, and the places of their nodes (e x n), from 0, in its order.
     cells: tuple[tuple[str, Places], ...]
+    #: Groups of cells by name: for each of `cells` the places of its members.
     groups: Mapping[str, tuple[Places, ...]]
-    sets: Mapping[str, Places]
+    sets: Mapping[str, Places]  # sets of nodes by name, as places
 
 
 def members(rows: Iterable[int]) -> Places:

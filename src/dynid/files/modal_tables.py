@@ -33,32 +33,19 @@ _MOTIONS = (("m", "rad"), ("m/s", "rad/s"), ("m/s2", "rad/s2"))
 
 
 class ModalTable(NamedTuple):
-    """Modes read from a file.
+    """Modes read from a file."""
 
-    Attributes
-    ----------
-    frequency
-        Natural frequencies (r) in `unit`.
-    shape
-        Mode shapes (sensors x r), real or complex, NaN where a sensor is missing; None without shapes.
-    dofs
-        DOFs of the sensors, such as ``12``, ``13:z`` or ``-13:z``; empty where the file does not name them.
-    damping
-        Damping ratios (r), NaN of a mode without one; None where there are none.
-    frequency_std, damping_std, shape_std
-        Standard deviations, each as the values; None where there are none.
-    unit
-        Unit of the frequencies, ``Hz`` or ``rad/s``; empty where the file does not state it.
-    """
-
-    frequency: Array
+    frequency: Array  # natural frequencies (r) in `unit`
+    #: Mode shapes (sensors x r), real or complex, NaN where a sensor is missing; None without shapes.
     shape: NDArray[Any] | None = None
+    #: DOFs of the sensors, such as ``12``, ``13:z`` or ``-13:z``; empty where the file does not name them.
     dofs: Sequence[Label] = ()
-    damping: Array | None = None
+    damping: Array | None = None  # damping ratios (r), NaN of a mode without one; None where there are none
+    #: Standard deviations, each as the values; None where there are none.
     frequency_std: Array | None = None
     damping_std: Array | None = None
     shape_std: Array | None = None
-    unit: str = ""
+    unit: str = ""  # unit of the frequencies, ``Hz`` or ``rad/s``; empty where the file does not state it
 
 
 def _mean_scatter(file: DataFile, scatter: Array | None, tests: Array | None, key: str) -> Array | None:

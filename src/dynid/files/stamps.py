@@ -33,27 +33,15 @@ _COARSE = 0.7
 
 
 class Clock(NamedTuple):
-    """The clock of a record by its time stamps.
+    """The clock of a record by its time stamps."""
 
-    Attributes
-    ----------
-    step
-        The measured step, s: slope of the line through the stamps.
-    drift
-        Its relative difference from the step of the scene.
-    jitter
-        Root mean square of the stamps' distance from the line, s; rounding is part of it.
-    dropped, duplicated
-        Number of places without a sample, and of samples at a place that has one already.
-    rows
-        Place of each sample, from 0; None where each has its own and none is missing.
-    """
-
-    step: float
-    drift: float
-    jitter: float
+    step: float  # the measured step, s: slope of the line through the stamps
+    drift: float  # its relative difference from the step of the scene
+    jitter: float  # root mean square of the stamps' distance from the line, s; rounding is part of it
+    #: Number of places without a sample, and of samples at a place that has one already.
     dropped: int = 0
     duplicated: int = 0
+    #: Place of each sample, from 0; None where each has its own and none is missing.
     rows: NDArray[np.intp] | None = None
 
     @property

@@ -25,21 +25,11 @@ TAYLOR_DEGREE = 18
 
 @dataclass(frozen=True)
 class RecordTimes:
-    """The sampling times of a record, over which a chirp sweeps and which a random signal fills.
+    """The sampling times of a record, over which a chirp sweeps and which a random signal fills."""
 
-    Parameters
-    ----------
-    step
-        Sampling step, s.
-    samples
-        Number of samples from `start` on.
-    start
-        Time of the first sample, s; the time before it, from t = 0 on, is settling time.
-    """
-
-    step: float
-    samples: int
-    start: float = 0.0
+    step: float  # sampling step, s
+    samples: int  # number of samples from `start` on
+    start: float = 0.0  # time of the first sample, s; the time before it, from t = 0 on, is settling time
 
     def __post_init__(self) -> None:
         require(0 < self.step < math.inf, "a record's step must be positive and finite", names=("step",))

@@ -36,53 +36,30 @@ class Margins:
 
     Where the closed loop is not stable, `gain`, `gain_reduction`, `phase` and `delay` are changes at which a
     root crosses the axis, and no margins: `where_stable` leaves them undefined.
-
-    Parameters
-    ----------
-    stable
-        Whether the closed loop is stable.
-    stability
-        The verdict in words.
-    unstable_poles
-        Number of poles of the closed loop in the right half-plane; inf where there are infinitely many, or
-        where it is undecided.
-    gain
-        Factor on L, above 1, that makes the loop unstable.
-    gain_reduction
-        Factor below 1 that does so; 0 where none does.
-    phase
-        Phase lag that does so, degrees.
-    delay
-        Further delay that does so, s; 0 where any delay does, because the gain does not fall below 1 at high
-        frequencies.
-    modulus
-        The smallest |1 + L|, the inverse of the largest sensitivity.
-    gain_crossover, phase_crossover, modulus_at
-        Frequencies of the smallest phase margin (|L| = 1), of the smallest gain margin (L real), and of the
-        smallest |1 + L|; rad/s, infinite where there is none, or where the gain margin is that of L(∞).
-    Ms, Mt
-        The largest |S| = 1/|1 + L|, at `modulus_at`, and the largest |T| = |L/(1 + L)|.
-    Mt_at
-        Frequency of the largest |T|, rad/s.
-    undecided
-        Why some of these are NaN though the loop is stable; else empty.
     """
 
-    stable: bool
-    stability: str
+    stable: bool  # whether the closed loop is stable
+    stability: str  # the verdict in words
+    #: Number of poles of the closed loop in the right half-plane; inf where there are infinitely many, or
+    #: where it is undecided.
     unstable_poles: float
-    gain: float
-    gain_reduction: float
-    phase: float
+    gain: float  # factor on L, above 1, that makes the loop unstable
+    gain_reduction: float  # factor below 1 that does so; 0 where none does
+    phase: float  # phase lag that does so, degrees
+    #: Further delay that does so, s; 0 where any delay does, because the gain does not fall below 1 at high
+    #: frequencies.
     delay: float
-    modulus: float
+    modulus: float  # the smallest |1 + L|, the inverse of the largest sensitivity
+    #: Frequencies of the smallest phase margin (|L| = 1), of the smallest gain margin (L real), and of the
+    #: smallest |1 + L|; rad/s, infinite where there is none, or where the gain margin is that of L(∞).
     gain_crossover: float
     phase_crossover: float
     modulus_at: float
+    #: The largest |S| = 1/|1 + L|, at `modulus_at`, and the largest |T| = |L/(1 + L)|.
     Ms: float
     Mt: float
-    Mt_at: float
-    undecided: str = ""
+    Mt_at: float  # frequency of the largest |T|, rad/s
+    undecided: str = ""  # why some of these are NaN though the loop is stable; else empty
 
     def where_stable(self) -> Margins:
         """Return them with NaN for the changes that make a stable loop unstable, where it is not stable."""
@@ -229,26 +206,17 @@ def _frequencies(polynomial: Any, *, crossings: bool = False) -> list[float]:
 
 @dataclass(frozen=True)
 class Bandwidth:
-    """Bandwidth and resonance of a channel; None where one is not defined.
+    """Bandwidth and resonance of a channel; None where one is not defined."""
 
-    Parameters
-    ----------
-    status
-        `defined`, or the reason why some or all are not.
-    bandwidth
-        The lowest frequency, rad/s, at which |T(jω)| falls below |T(0)|/√2 (-3 dB); inf where it never does.
-    peak_gain, peak_frequency
-        The supremum of |T(jω)| over all frequencies, and the lowest frequency where it is taken, rad/s; inf
-        at an undamped pole; the frequency is inf where it is the limit of high frequencies.
-    half_power_low, half_power_high
-        The nearest frequencies below and above that of the peak at which |T| is 1/√2 of it, rad/s; 0 and inf
-        where there is none on that side.
-    """
-
-    status: str
+    status: str  # `defined`, or the reason why some or all are not
+    #: The lowest frequency, rad/s, at which |T(jω)| falls below |T(0)|/√2 (-3 dB); inf where it never does.
     bandwidth: float | None = None
+    #: The supremum of |T(jω)| over all frequencies, and the lowest frequency where it is taken, rad/s; inf at
+    #: an undamped pole; the frequency is inf where it is the limit of high frequencies.
     peak_gain: float | None = None
     peak_frequency: float | None = None
+    #: The nearest frequencies below and above that of the peak at which |T| is 1/√2 of it, rad/s; 0 and inf
+    #: where there is none on that side.
     half_power_low: float | None = None
     half_power_high: float | None = None
 

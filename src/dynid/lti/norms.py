@@ -43,24 +43,12 @@ class _SystemModes(NamedTuple):
 
 
 class Maxima(NamedTuple):
-    """Local maxima of a magnitude over a band, its ends included where it is largest there.
+    """Local maxima of a magnitude over a band, its ends included where it is largest there."""
 
-    Attributes
-    ----------
-    omega
-        Their frequencies (m), rad/s; infinite for the limit at high frequencies.
-    magnitude
-        The magnitudes there (m).
-    slopes
-        Derivatives of the magnitudes by the parameters (m x p).
-    fixed
-        How many of them, the last ones, are values at fixed frequencies instead.
-    """
-
-    omega: Array
-    magnitude: Array
-    slopes: Array
-    fixed: int = 0
+    omega: Array  # their frequencies (m), rad/s; infinite for the limit at high frequencies
+    magnitude: Array  # the magnitudes there (m)
+    slopes: Array  # derivatives of the magnitudes by the parameters (m x p)
+    fixed: int = 0  # how many of them, the last ones, are values at fixed frequencies instead
 
 
 def modes(system: ParametricSystem) -> _SystemModes:

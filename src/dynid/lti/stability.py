@@ -22,23 +22,13 @@ FAR = 1e3
 
 @dataclass(frozen=True)
 class SidedRoot:
-    """A zero or pole, exact or estimated.
+    """A zero or pole, exact or estimated."""
 
-    Parameters
-    ----------
-    value
-        The root, rad/s.
-    multiplicity
-        Its multiplicity; roots that coincide within an estimated error are listed side by side.
-    radius
-        Bound on the distance from the true root, or an estimate, rad/s.
-    side
-        -1 left of the imaginary axis, 0 on it, +1 right of it; None if undecided within the error.
-    """
-
-    value: complex
+    value: complex  # the root, rad/s
+    #: Its multiplicity; roots that coincide within an estimated error are listed side by side.
     multiplicity: int
-    radius: float
+    radius: float  # bound on the distance from the true root, or an estimate, rad/s
+    #: -1 left of the imaginary axis, 0 on it, +1 right of it; None if undecided within the error.
     side: int | None
 
 

@@ -73,20 +73,14 @@ def _matrix(name: str, values: ArrayLike) -> Array:
 
 
 class Matrices(NamedTuple):
-    """``x' = A x + B u``, ``y = C x + sum_k D[k] d^k u / dt^k`` at some values of the parameters.
+    """``x' = A x + B u``, ``y = C x + sum_k D[k] d^k u / dt^k`` at some values of the parameters."""
 
-    Attributes
-    ----------
-    A, B, C, D
-        Matrices (n x n, n x loads, channels x n, orders x channels x loads), SI.
-    A_slopes, B_slopes, C_slopes, D_slopes
-        Their derivatives by the values of the parameters (p x the shape of the matrix).
-    """
-
+    #: Matrices (n x n, n x loads, channels x n, orders x channels x loads), SI.
     A: Array
     B: Array
     C: Array
     D: Array
+    #: Their derivatives by the values of the parameters (p x the shape of the matrix).
     A_slopes: Array
     B_slopes: Array
     C_slopes: Array

@@ -26,35 +26,23 @@ _MIN_ENVELOPE = 1e-280
 
 @dataclass(frozen=True)
 class StepInfo:
-    """The characteristics of the response to a unit step, from rest; None where one is not defined.
+    """The characteristics of the response to a unit step, from rest; None where one is not defined."""
 
-    Parameters
-    ----------
-    status
-        `defined`, or the reason why some or all are not.
-    final_value, initial_value
-        The limits at t -> ∞ and t = 0+.
-    rise_time
-        The time from 10 % to 90 % of the final value, each reached for the first time, s.
-    settling_time
-        The time from which on the response stays within 2 % of the final value, s.
-    transient_time
-        The time from which on it differs from the final value by at most 2 % of its largest difference, s.
-    overshoot, undershoot
-        The largest excess over the final value, and beyond 0 on the other side, in % of the final value.
-    peak, peak_time
-        The value of the largest magnitude, and when it is taken, s; inf where it is the final value, which is
-        approached from below.
-    """
-
-    status: str
+    status: str  # `defined`, or the reason why some or all are not
+    #: The limits at t -> ∞ and t = 0+.
     final_value: float | None = None
     initial_value: float | None = None
+    #: The time from 10 % to 90 % of the final value, each reached for the first time, s.
     rise_time: float | None = None
+    #: The time from which on the response stays within 2 % of the final value, s.
     settling_time: float | None = None
+    #: The time from which on it differs from the final value by at most 2 % of its largest difference, s.
     transient_time: float | None = None
+    #: The largest excess over the final value, and beyond 0 on the other side, in % of the final value.
     overshoot: float | None = None
     undershoot: float | None = None
+    #: The value of the largest magnitude, and when it is taken, s; inf where it is the final value, which is
+    #: approached from below.
     peak: float | None = None
     peak_time: float | None = None
 

@@ -23,37 +23,18 @@ _MAX_GENERATOR_NUMBERS = 50_000_000
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """Intervals between nodes, in each of which all signals follow one joint generator.
+    """Intervals between nodes, in each of which all signals follow one joint generator."""
 
-    Attributes
-    ----------
-    nodes
-        Times (intervals + 1), s, ascending.
-    lengths
-        The distinct interval lengths, s.
-    which
-        For each interval the index of its length.
-    wanted
-        Nodes of the requested times.
-    G, H
-        Joint generator ``w' = G w``, ``u = H w`` (states x states, inputs x states).
-    W
-        Generator states at the beginning of each interval and at the end (nodes x states).
-    jumps
-        Dirac strengths (inputs) at t = 0.
-    jump_node
-        The node at t = 0 if an impulse acts there, else -1.
-    """
-
-    nodes: Array
-    lengths: Array
-    which: Indices
-    wanted: Indices
+    nodes: Array  # times (intervals + 1), s, ascending
+    lengths: Array  # the distinct interval lengths, s
+    which: Indices  # for each interval the index of its length
+    wanted: Indices  # nodes of the requested times
+    #: Joint generator ``w' = G w``, ``u = H w`` (states x states, inputs x states).
     G: Array
     H: Array
-    W: Array
-    jumps: Array
-    jump_node: int
+    W: Array  # generator states at the beginning of each interval and at the end (nodes x states)
+    jumps: Array  # Dirac strengths (inputs) at t = 0
+    jump_node: int  # the node at t = 0 if an impulse acts there, else -1
 
     def sample_of(self) -> Indices:
         """Return the index of every node among the requested times, or -1 (nodes)."""
