@@ -26,6 +26,7 @@ from dynid.bondgraph.graph import (
     Quantity,
     bond_sign,
 )
+from dynid.bondgraph.reduction.junctions import unique
 from dynid.errors import UsageError
 
 Polynomial = Sequence[Real]
@@ -247,10 +248,7 @@ class Circuit:
             self.bonds += [Bond(tail, name), Bond(name, head)]
 
     def _add(self, kind: NodeType, preferred: str, value: Real | None = None) -> str:
-        name, number = preferred, 1
-        while name in self.nodes:
-            number += 1
-            name = f"{preferred}_{number}"
+        name = unique(preferred, self.nodes)
         dependent = value if isinstance(value, Dependent) else None
         exact = None if value is None else reference(value)
         self.nodes[name] = Node(name, kind, exact, None, "", dependent, self.part)

@@ -1,4 +1,4 @@
-"""Feedback loops cut open: their exact open-loop transfer functions, with the delays as they are.
+"""Feedback loops cut open: their exact open-loop transfer functions, and what they say of stability.
 
 With all loops cut, y = G u of the driven sources u; closed, u_j = r_j - K_j(s) exp(-s τ_j) y_j. The
 characteristic function det(I + G K exp(-s τ)) is a sum of minors, a polynomial over one denominator for every
@@ -21,16 +21,20 @@ from typing import TYPE_CHECKING, Any
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import coded
 from dynid.arithmetic.numbers import rounded as rounded_number
-from dynid.bondgraph.controller_circuits import Loop, pade
+from dynid.bondgraph.controller_circuits import PADE_ORDER, Loop, pade
 from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.reduced_graph import (
     ReducedGraph,
     characteristic_polynomials,
+    parts_without_output,
+    separate_parts,
 )
-from dynid.errors import Singular
+from dynid.errors import Singular, Undecided
 from dynid.lti.axis_boxes import Work
-from dynid.lti.delay_stability import COUNT
+from dynid.lti.certified_roots import certified_roots
+from dynid.lti.delay_stability import COUNT, stability
 from dynid.lti.quasi_polynomials import Delay, QuasiPolynomial, common_factor, coprime
+from dynid.lti.stability import Verdict, combined, no_solution, verdict
 
 if TYPE_CHECKING:
     from dynid.arithmetic.real_field import RealField
@@ -191,6 +195,34 @@ class CutLoops:
             determinant = _determinant(matrix, zero + 1)
             poles.append(len(plant) * _roots_at_origin(self._common) - _roots_at_origin(determinant))
         return max(poles[0] - max(poles[1], 0), 0)
+
+    @cached_property
+    def shown(self) -> Verdict:
+        """The verdict on the roots that the loops show."""
+        if self.closed.is_rational:
+            return verdict(certified_roots(self.closed.terms[Fraction(0)]))
+        return stability(rounded([self.closed])[0], self.work)
+
+    def verdict(self) -> Verdict:
+        """Return the verdict on loops, controllers and every separate part of the graph."""
+        others = parts_without_output(self.reduced)
+        parts = [*separate_parts(self.reduced, self.natural), *(others or ())]
+        modes = math.prod(parts, start=polynomial_over(self.reduced.field, [1]))
+        hidden = certified_roots(self.unmoved(modes))
+        verdicts = [self.shown, *([verdict(hidden)] if hidden else [])]
+        return combined([*verdicts, *([] if others is not None else [no_solution(self.reduced.free)])])
+
+    def approximants_agree(self, work: Work) -> bool:
+        """Test whether the Padé approximants of delays have as many poles to the right as the loops.
+
+        They count as different where their roots cost too much.
+        """
+        (polynomial,) = rational(rounded([self.closed]), PADE_ORDER)
+        try:
+            roots = certified_roots(polynomial, work=work)
+        except Undecided:
+            return False
+        return self.shown.unstable_poles == sum(root.multiplicity for root in roots if root.side > 0)
 
     def check(self) -> None:
         """Raise where a loop passes through no delay and no storage element, and has no solution.

@@ -16,6 +16,7 @@ from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, characteristic_
 from dynid.defaults import STARTED_ROOTS
 from dynid.errors import NumericalError
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots
+from dynid.lti.positive_real import fraction, nearest_double
 from dynid.lti.stability import TransferProperties
 
 if TYPE_CHECKING:
@@ -82,11 +83,11 @@ class TransferFunction(TransferProperties):
 
     def coefficients(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return numerator and denominator in descending powers, denominator monic, correctly rounded."""
-        lead = as_fraction(self.denominator.leading_coefficient())
+        lead = fraction(self.denominator.leading_coefficient())
 
         def rounded(polynomial: Any) -> NDArray[np.float64]:
-            descending = reversed([as_fraction(c) for c in polynomial.coeffs()] or [Fraction(0)])
-            return np.array([as_float(c / lead) for c in descending])
+            descending = reversed([fraction(c) for c in polynomial.coeffs()] or [Fraction(0)])
+            return np.array([nearest_double(c / lead) for c in descending])
 
         return rounded(self.numerator), rounded(self.denominator)
 
@@ -129,23 +130,17 @@ def _limit(numerator: list[Any], denominator: list[Any]) -> float:
     if n is None:
         return 0.0
     d = next(k for k, c in enumerate(denominator) if c)
-    quotient = as_fraction(numerator[n]) / as_fraction(denominator[d])
+    quotient = fraction(numerator[n]) / fraction(denominator[d])
     if n == d:
-        return as_float(quotient)
+        return nearest_double(quotient)
     return 0.0 if n > d else math.inf if quotient > 0 else -math.inf
 
 
-def as_fraction(number: Any) -> Fraction:
-    """Return an integer or a rational number of flint as a fraction."""
-    return Fraction(int(number.p), int(number.q)) if hasattr(number, "q") else Fraction(int(number))
-
-
-def as_float(value: Fraction) -> float:
-    """Round to the nearest double; beyond its range to infinity."""
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf if value > 0 else -math.inf
+def exact_channels(reduced: ReducedGraph) -> dict[Channel, TransferFunction]:
+    """Return all channels of a graph, exactly."""
+    channels = reduced.channels()
+    ratios = reduced.rational(channels.values())
+    return {channel: TransferFunction.of(ratios[register]) for channel, register in channels.items()}
 
 
 # --- engine ---------------------------------------------------------------------------------------

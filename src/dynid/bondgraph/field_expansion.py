@@ -30,6 +30,7 @@ from dynid.arithmetic.ldl import (
     squares,
 )
 from dynid.bondgraph.graph import FIELDS, Bond, BondGraph, Node, NodeType, Port, Quantity
+from dynid.bondgraph.reduction.junctions import unique
 from dynid.errors import UsageError
 
 FieldType = Literal["I", "C", "R"]
@@ -49,10 +50,7 @@ class Expansion:
 
     def add(self, kind: NodeType, preferred: str, value: Real | None = None, domain: str = "") -> str:
         """Add a node, and return its name: the wanted one where that is free."""
-        name, number = preferred, 1
-        while name in self.taken:
-            number += 1
-            name = f"{preferred}_{number}"
+        name = unique(preferred, self.taken)
         self.taken.add(name)
         exact = None if value is None else reference(value)
         dependent = value if isinstance(value, Dependent) else None

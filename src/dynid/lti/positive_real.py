@@ -147,7 +147,7 @@ def find_violation(numerator: Any, denominator: Any) -> _Violation | None:
     omega = negative_frequency(even_part)
     if omega is not None:
         size = value_at(squared_magnitude(denominator), -(omega**2))
-        value = _double(value_at(even_part, -(omega**2)) / size)
+        value = nearest_double(value_at(even_part, -(omega**2)) / size)
         sentence = f"its real part is {value:.6g} at ω = {_decimal_text(omega)} rad/s"
         return _Violation("real part", omega, value, sentence)
     return _wrong_pole(denominator) or _wrong_residue(numerator, denominator)
@@ -177,7 +177,7 @@ def _wrong_residue(numerator: Any, denominator: Any) -> _Violation | None:
     The poles on the axis are simple, and the real part is not negative, so that the residues are real.
     """
     excess = numerator.degree() - denominator.degree()
-    lead = _double(fraction(numerator.leading_coefficient() / denominator.leading_coefficient()))
+    lead = nearest_double(fraction(numerator.leading_coefficient() / denominator.leading_coefficient()))
     if excess > 1:
         return _Violation(
             "pole", math.inf, complex(lead), f"it grows as s^{excess}: its pole at infinity is multiple"
@@ -189,7 +189,7 @@ def _wrong_residue(numerator: Any, denominator: Any) -> _Violation | None:
     if denominator[0] == 0:
         residue = numerator[0] / denominator[1]
         if residue < 0:
-            value = _double(fraction(residue))
+            value = nearest_double(fraction(residue))
             return _Violation("residue", 0.0, value, f"the residue of its pole at s = 0 is {value:.6g}")
     factor = axis_factor(denominator)
     if factor.degree() == 0:
@@ -234,8 +234,8 @@ def _positive_roots(polynomial: Any) -> list[tuple[Fraction, Fraction]]:
 
 
 def fraction(number: Any) -> Fraction:
-    """Return a rational number of flint (`fmpq`) as a fraction."""
-    return Fraction(int(number.p), int(number.q))
+    """Return an integer or a rational number of flint as a fraction."""
+    return Fraction(int(number.p), int(number.q)) if hasattr(number, "q") else Fraction(int(number))
 
 
 def ball_fraction(number: Any) -> Fraction:
@@ -245,7 +245,7 @@ def ball_fraction(number: Any) -> Fraction:
     return Fraction(digits << power) if power >= 0 else Fraction(digits, 1 << -power)
 
 
-def _double(value: Fraction) -> float:
+def nearest_double(value: Fraction) -> float:
     """Return the nearest double of a rational number, infinite beyond their range."""
     try:
         return float(value)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import count
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +26,7 @@ from dynid.bondgraph.graph import (
     Port,
     Quantity,
 )
+from dynid.bondgraph.reduction.junctions import unique
 from dynid.errors import Singular
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ class _LinearCircuit(Circuit):
             self.flat.append(name)
             index, end = law_slope.row.out // 2, name
             if name in self.flat[:-1]:  # the other side of a two-port
-                end = next(free_name for k in count(2) if (free_name := f"{name}_{k}") not in nodes)
+                end = unique(name, nodes)
                 bond = bonds[index]
                 bonds[index] = Bond(*(end if one_end == name else one_end for one_end in bond))
             self._ends[index] = end

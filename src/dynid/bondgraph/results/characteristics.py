@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.exact_engine import exact_channels
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.lti.margins import Bandwidth, bandwidth
 from dynid.lti.step_info import StepInfo, step_info
@@ -34,10 +34,7 @@ def add_characteristics(result: Result, reduced: ReducedGraph, asked: frozenset[
     What is not defined is left out, and `step_status` or `bandwidth_status` names the reason; the names of
     which it is the status are its attribute `status_of`.
     """
-    registers = reduced.channels()
-    ratios = reduced.rational(registers.values())
-    for channel, register in tracked(registers.items(), "characteristics of channel"):
-        transfer = TransferFunction.of(ratios[register])
+    for channel, transfer in tracked(exact_channels(reduced).items(), "characteristics of channel"):
         group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
         characteristics: list[tuple[str, StepInfo | Bandwidth]] = []
         if "step_info" in asked:

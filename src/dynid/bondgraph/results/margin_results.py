@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.controller_circuits import PADE_ORDER, close_loops
 from dynid.bondgraph.cut_loops import CutLoops, rational, rounded
-from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.loop_stability import approximants_agree, loops_verdict, shown_verdict
+from dynid.bondgraph.exact_engine import exact_channels
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.results.system import SYSTEM, add_system, system_text
 from dynid.errors import Undecided
@@ -61,9 +60,8 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     """
     names = [f"{loop.measured} -> {loop.source}" for loop in cut.loops]
     functions = [cut.loop(index) for index in range(len(names))]
-    shown = shown_verdict(cut)
-    system = loops_verdict(cut, shown)
-    loop_margins = _within_limit(functions, cut, shown, system)
+    system = cut.verdict()
+    loop_margins = _within_limit(functions, cut, system)
     functions = [(above, below) for above, below in map(rounded, functions)]
     result.add_axis(f"{MARGINS}/loop", names)
     for name in (field.name for field in fields(Margins)):
@@ -86,7 +84,7 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     work = Work(_ROOT_WORK, EVALUATIONS)
     if not closed.is_rational:
         _add_roots(result, closed, system.unstable_poles, work)
-        result.annotate(MARGINS, approximants_agree=approximants_agree(cut, shown, work))
+        result.annotate(MARGINS, approximants_agree=cut.approximants_agree(work))
     omega = _frequencies(functions, loop_margins, work) if omega is None else omega
     _add_functions(result, names, functions, omega)
     poles = 0
@@ -105,7 +103,7 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
 
 
 def _within_limit(
-    functions: list[tuple[QuasiPolynomial, QuasiPolynomial]], cut: CutLoops, shown: Verdict, system: Verdict
+    functions: list[tuple[QuasiPolynomial, QuasiPolynomial]], cut: CutLoops, system: Verdict
 ) -> list[Margins]:
     """Return the margins of the loops, in order, as long as their polynomials have at most `ROOTS` roots."""
     roots, hidden, loop_margins = 0, cut.hidden(), list[Margins]()
@@ -122,7 +120,7 @@ def _within_limit(
                 f"polynomials, more than {ROOTS}; those of the first {first} are computed"
             )
             return loop_margins + [_left_out(reason, system)] * (len(functions) - len(loop_margins))
-        loop_margins.append(_with_hidden(_margins(*loop, cut, shown), hidden))
+        loop_margins.append(_with_hidden(_margins(*loop, cut), hidden))
     return loop_margins
 
 
@@ -134,14 +132,14 @@ def _left_out(reason: str, system: Verdict) -> Margins:
     return Margins(system.stable, verdict, **numbers, undecided=reason)
 
 
-def _margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops, shown: Verdict) -> Margins:
+def _margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops) -> Margins:
     if above.is_rational and below.is_rational:
         (bottom,) = below.terms.values()
         return margins(above.terms.get(Fraction(0), 0 * bottom), bottom)
     above, below = rounded([above, below])
     closed = above + below
     alike = closed.products == rounded([cut.closed])[0].products
-    verdict = shown if alike else stability(closed, cut.work)
+    verdict = cut.shown if alike else stability(closed, cut.work)
     return delay_margins(above, below, verdict, SEARCH // len(cut.loops))
 
 
@@ -355,11 +353,8 @@ def _high_frequencies(result: Result, analysis: Analysis) -> dict[str, Any]:
     ]
     closed = close_loops(analysis.opened, base)
     reduced = ReducedGraph(closed.graph, analysis.inputs, analysis.outputs, traced=False)
-    channels = reduced.channels()
-    ratios = reduced.rational(channels.values())
     true_values: dict[str, Any] = {}
-    for (port, source), register in channels.items():
-        transfer = TransferFunction.of(ratios[register])
+    for (port, source), transfer in exact_channels(reduced).items():
         for name in ("relative_degree", "high_frequency_gain"):
             path = f"bond_graph/properties/{port}/{source}/{name}"
             if path in result:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynid.bondgraph.decomposition.equivalents import Decomposition, OnePortEquivalent
 from dynid.bondgraph.decomposition.prototype_dynamics import prototype_dynamics
-from dynid.bondgraph.exact_engine import TransferFunction, as_fraction
+from dynid.bondgraph.exact_engine import TransferFunction, exact_channels
 from dynid.bondgraph.formula_printers import LATEX, TEXT
 from dynid.bondgraph.formulas.transfer import readable_registers
 from dynid.bondgraph.graph import unit_quotient
@@ -19,6 +19,7 @@ from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.results.channels import add_roots
 from dynid.bondgraph.results.prototype_results import add_dynamics, add_ratio, add_traces, system_text
+from dynid.lti.positive_real import fraction
 from dynid.result import Result
 
 if TYPE_CHECKING:
@@ -79,10 +80,7 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
 
 def add_requested(result: Result, reduced: ReducedGraph) -> None:
     """Add the zeros and poles of every requested channel, to compare with the dynamics at the port."""
-    channels = reduced.channels()
-    ratios = reduced.rational(channels.values())
-    for (port, source), register in channels.items():
-        transfer = TransferFunction.of(ratios[register])
+    for (port, source), transfer in exact_channels(reduced).items():
         add_roots(result, f"{_GROUP}/requested/{port}/{source}", "zeros", transfer.zeros)
         add_roots(result, f"{_GROUP}/requested/{port}/{source}", "poles", transfer.poles)
 
@@ -241,7 +239,7 @@ def _line(parts: Decomposition, side: OnePortEquivalent, name: str, outward: int
         drive.numerator * (common // drive.denominator),
     )
     # at s = 0, without a common power of s
-    rows = [[as_fraction(c) for c in polynomial.coeffs()] for polynomial in (common, *multiples)]
+    rows = [[fraction(c) for c in polynomial.coeffs()] for polynomial in (common, *multiples)]
     lowest = min(next(k for k, c in enumerate(row) if c) for row in rows if row)
     at_common, at_immittance, right = (Fraction(row[lowest] if lowest < len(row) else 0) for row in rows)
     if at_common == at_immittance == 0:

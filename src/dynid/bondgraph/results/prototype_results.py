@@ -10,13 +10,14 @@ import numpy as np
 from dynid.arithmetic.field_polynomials import primitive, settled_coefficients
 from dynid.bondgraph.analysis_request import Engine, modelled_storages
 from dynid.bondgraph.decomposition.prototype_dynamics import PrototypeDynamics, prototype_dynamics
-from dynid.bondgraph.exact_engine import TransferFunction, as_float, as_fraction
+from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.formula_printers import ATOM, LATEX, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
 from dynid.bondgraph.formulas.expressions import length, print_register, print_sum
 from dynid.bondgraph.reduced_graph import GraphProgram, ReducedGraph
 from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.results.channels import add_roots, roots_of
+from dynid.lti.positive_real import fraction, nearest_double
 from dynid.result import Result
 
 #: Bits of the denominator of a coefficient that is written as a fraction.
@@ -198,8 +199,8 @@ def polynomial_text(polynomial: Any) -> str:
 
 def _coefficient_text(coefficient: Any) -> str:
     """Write a positive integer, or a number of a field, whose decimals are those of a double."""
-    exact = as_fraction(coefficient)
-    return str(exact) if exact.denominator.bit_length() < _MAX_FRACTION_BITS else repr(as_float(exact))
+    exact = fraction(coefficient)
+    return str(exact) if exact.denominator.bit_length() < _MAX_FRACTION_BITS else repr(nearest_double(exact))
 
 
 def _add_condition(result: Result, group: str, prefix: str, polynomial: Any) -> None:

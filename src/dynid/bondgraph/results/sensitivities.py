@@ -20,7 +20,7 @@ import numpy as np
 
 from dynid.arrays import guarded
 from dynid.bondgraph.analysis_request import Analysis, SensitivityParameter, modelled_storages
-from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.exact_engine import exact_channels
 from dynid.bondgraph.program.bounded import Bounded
 from dynid.bondgraph.program.program import Register, gradient
 from dynid.bondgraph.reduced_graph import ReducedGraph, characteristic_polynomials
@@ -265,8 +265,7 @@ def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis)
             remedy="Drop 'sensitivities' from the results, or insist with 'engine: exact'.",
             names=("analysis.results",),
         )
-    channels = reduced.channels()
-    ratios = reduced.rational(channels.values())
+    registers = reduced.channels()
     modes = {port: repeated(certified_roots(p)) for port, p in characteristic_polynomials(reduced).items()}
     modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
     if analysis.parameters is None:
@@ -277,10 +276,9 @@ def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis)
         ]
     else:
         parameters = [parameter for parameter in analysis.parameters if modelled & parameter.rates.keys()]
-    for (port, source), register in channels.items():
-        transfer = TransferFunction.of(ratios[register])
+    for (port, source), transfer in exact_channels(reduced).items():
         roots = transfer.zeros, transfer.poles
-        rates_of = sensitivity(reduced, register, *roots, modes[port], parameters)
+        rates_of = sensitivity(reduced, registers[port, source], *roots, modes[port], parameters)
         group = f"bond_graph/sensitivities/{port}/{source}"
         result.annotate(group, note=_NOTE)
         result.add_axis(f"{group}/parameter", np.array([p.name for p in parameters], dtype=object))
