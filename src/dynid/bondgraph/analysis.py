@@ -16,7 +16,7 @@ from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.solvability import hold
 from dynid.bondgraph.results.channels import add_channels, note_measuring_integrals
-from dynid.bondgraph.results.prototype_results import add_output_dynamics, add_prototypes, add_steps
+from dynid.bondgraph.results.prototype_results import add_reductions
 from dynid.bondgraph.results.response_results import (
     add_frequency_response,
     add_state_space,
@@ -52,7 +52,12 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if analysis.approximations:
         texts = [approximation.why for approximation in analysis.approximations]
         result.add_axis("bond_graph/approximations", np.array(texts, dtype=object))
-    warnings = [*_add_operating_point(result, analysis), *field_warnings(graph)]
+    warnings = field_warnings(graph)
+    if analysis.linearisation is not None:
+        from dynid.bondgraph.results.operating_point import add_operating_point
+
+        add_operating_point(result, analysis.linearisation)
+        warnings = [*analysis.linearisation.point.warnings, *warnings]
     causality = None
     if "causality" in analysis.results:
         from dynid.bondgraph.results.causality import add_causality
@@ -79,18 +84,17 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
 
         add_zero_dynamics(result, reduced, causality)
     _add_dynamics(result, reduced, analysis)
-    asked = analysis.results
-    if "reduction" in asked:
-        add_steps(result, reduced)
-    if asked & {"reduction", "prototype"}:
-        add_prototypes(result, reduced)
-    if "prototype" in asked:
-        add_output_dynamics(result, reduced, analysis.engine)
+    if analysis.results & {"reduction", "prototype"}:
+        add_reductions(result, reduced, analysis)
     if analysis.port is not None:
         _add_port(result, reduced, analysis, analysis.port)
     _add_responses(result, reduced, analysis)
     _add_graph_scope(result, reduced, analysis)
-    return _with_delays(result, analysis)
+    if any(loop.delayed for loop in analysis.loops):
+        from dynid.bondgraph.results.margin_results import with_delays
+
+        return with_delays(result, analysis)
+    return result
 
 
 def _cut_loops(analysis: Analysis) -> CutLoops | None:
@@ -107,29 +111,10 @@ def _cut_loops(analysis: Analysis) -> CutLoops | None:
     return cut
 
 
-def _with_delays(result: Result, analysis: Analysis) -> Result:
-    """Return the result of a graph with delays, in which what is approximate is marked."""
-    if not any(loop.delayed for loop in analysis.loops):
-        return result
-    from dynid.bondgraph.results.margin_results import with_delays
-
-    return with_delays(result, analysis)
-
-
 def _opened(analysis: Analysis) -> BondGraph:
     """Return the graph without feedback, with the values as they are read."""
     assert analysis.opened is not None
     return analysis.opened.rounded() if analysis.reading == "binary" else analysis.opened
-
-
-def _add_operating_point(result: Result, analysis: Analysis) -> list[str]:
-    """Add the operating point of a graph with laws; return its warnings."""
-    if analysis.linearisation is None:
-        return []
-    from dynid.bondgraph.results.operating_point import add_operating_point
-
-    add_operating_point(result, analysis.linearisation)
-    return [*analysis.linearisation.point.warnings]
 
 
 def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
@@ -226,8 +211,12 @@ def _add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Ana
         inside = [name for name in reduced.storages if name in kept]
         parts.append(divided("elements", nodes, kept, "no output depends on them"))
         parts.append(divided("storages", reduced.storages, inside, "no output depends on them"))
-        states = _states(result)
-        if states is not None:
+        about = result.group_attrs.get("bond_graph/time_response", {})
+        if "bond_graph/state_space/state" in result or "states" in about:
+            states = str(about.get("states", "")).split(", ")
+            if "bond_graph/state_space/state" in result:
+                states = result["bond_graph/state_space/state"].data.tolist()
+            states = [name for name in states if name]
             dependent = max(0, len(inside) - len(states))
             reason = "storage elements in derivative causality"
             parts.append(ScopePart("states", states, dependent, reason))
@@ -244,11 +233,3 @@ def _add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Ana
     parts.append(divided("engines", ENGINES, used, why))
     parts.append(divided("results", RESULTS, analysis.results, "not requested"))
     add_model_scope(result, "bond_graph", parts)
-
-
-def _states(result: Result) -> list[str] | None:
-    """Return the names of the states, where state equations were written."""
-    if "bond_graph/state_space/state" in result:
-        return [str(name) for name in result["bond_graph/state_space/state"].data]
-    about = result.group_attrs.get("bond_graph/time_response")
-    return None if about is None else [name for name in str(about["states"]).split(", ") if name]

@@ -159,8 +159,12 @@ class Circuit:
         at, scale = self.measure(loop.measured, loop.source)
         answered = self.variables.get(loop.measured, loop.measured)
         if loop.setpoint:
-            at, scale = self._difference(at, scale, loop), Fraction(1)
-            answered = Port(at, "f")
+            difference = self._add("1", f"{loop.source}.difference")
+            self.nodes[loop.setpoint] = Node(loop.setpoint, "Se", part=self.part)
+            self._activate(at, difference, scale)
+            ends = loop.setpoint, self._add("R", f"{difference}_R", Fraction(1))
+            self.bonds += [Bond(difference, end) for end in ends]
+            at, scale, answered = difference, Fraction(1), Port(difference, "f")
         gains, remainder, monic = _divided(loop.numerator, loop.denominator)
         if len(gains) > 2:
             raise UsageError(
@@ -216,17 +220,6 @@ class Circuit:
         """Let a signal, times minus a gain, enter the balance of a driven source."""
         if reference(gain) or isinstance(gain, Dependent):
             self._activate(at, source, -self.driven[source] * gain)
-
-    def _difference(self, at: str, scale: Real, loop: Loop) -> str:
-        """Return a junction whose flow is a signal times a factor, less the setpoint."""
-        junction = self._add("1", f"{loop.source}.difference")
-        self.nodes[loop.setpoint] = Node(loop.setpoint, "Se", part=self.part)
-        self._activate(at, junction, scale)
-        self.bonds += [
-            Bond(junction, loop.setpoint),
-            Bond(junction, self._add("R", f"{junction}_R", Fraction(1))),
-        ]
-        return junction
 
     def _rate(self, at: str, owner: str) -> str:
         """Return a junction whose common variable is the rate of another one's."""

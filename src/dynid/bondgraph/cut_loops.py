@@ -66,8 +66,8 @@ class CutLoops:
         self.loops = tuple(loops)
         sources = list(dict.fromkeys(loop.source for loop in loops))
         measured = list(dict.fromkeys(loop.measured for loop in loops))
-        parts = [coefficient for loop in loops for coefficient in (*loop.numerator, *loop.denominator)]
-        opened = opened.over(map(reference, parts))
+        coefficients = [c for loop in loops for c in (*loop.numerator, *loop.denominator)]
+        opened = opened.over(map(reference, coefficients))
         reduced = ReducedGraph(opened, sources, measured, traced=False)
         channels = reduced.channels()
         ratios = reduced.rational(channels.values())
@@ -87,7 +87,12 @@ class CutLoops:
         for number, loop in enumerate(loops):
             groups.setdefault(loop.source if self._by_source else loop.measured, []).append(number)
         #: The product of the denominators of the loops of each group, and their numerators over it.
-        self._groups = [self._over_one_denominator(group) for group in groups.values()]
+        self._groups: list[tuple[Any, list[tuple[int, Any]]]] = []
+        for group in groups.values():
+            parts = [(loop, *self._controllers[loop]) for loop in group]
+            denominator = math.prod((below for _, _, below in parts), start=0 * common + 1)
+            over = [(loop, above * (denominator // below)) for loop, above, below in parts]
+            self._groups.append((denominator, over))
         self._delays = _in_proportion([rounded_number(reference(loop.delay)) for loop in loops])
         # Margins, loci and verdicts ask for the same few again and again.
         self._minors, self._functions = dict[frozenset[int], Any](), dict[tuple[int, ...], QuasiPolynomial]()
@@ -251,29 +256,20 @@ class CutLoops:
 
         det(I + G K) = det(I + K G): loops that measure, or drive, the same share a row.
         """
-        closed = frozenset(kept)
+        closed, zero = frozenset(kept), 0 * self._common
         if closed not in self._minors:
-            self._minors[closed] = self._determinant_of(closed)
-        return self._minors[closed]
-
-    def _determinant_of(self, closed: frozenset[int]) -> Any:
-        matrix = [
-            [
-                (self._common * denominator if i == j else 0 * self._common)
-                + sum(
-                    (self._plants(loop, j) * numerator for loop, numerator in parts if loop in closed),
-                    0 * self._common,
-                )
-                for j in range(len(self._groups))
+            first = [parts[0][0] for _, parts in self._groups]  # what a loop and a group drive or measure
+            plant = self._plant if self._by_source else list(zip(*self._plant, strict=True))
+            matrix = [
+                [
+                    (self._common * denominator if i == j else zero)
+                    + sum((plant[loop][k] * above for loop, above in parts if loop in closed), zero)
+                    for j, k in enumerate(first)
+                ]
+                for i, (denominator, parts) in enumerate(self._groups)
             ]
-            for i, (denominator, parts) in enumerate(self._groups)
-        ]
-        return _determinant(matrix, 0 * self._common + 1)
-
-    def _plants(self, loop: int, group: int) -> Any:
-        """Return what a loop measures of the source of a group, or what a group measures of its source."""
-        column = self._groups[group][1][0][0]
-        return self._plant[loop][column] if self._by_source else self._plant[column][loop]
+            self._minors[closed] = _determinant(matrix, zero + 1)
+        return self._minors[closed]
 
 
 def rounded(functions: Sequence[QuasiPolynomial]) -> list[QuasiPolynomial]:

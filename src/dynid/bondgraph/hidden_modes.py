@@ -63,7 +63,11 @@ def hidden_modes(reduced: ReducedGraph, channel: Channel, polynomial: Any) -> It
     storages = [name for name in reduced.storages if name in reduced.reductions[channel[0]].modelled]
     rational = reduced.field is None
     for factor, multiplicity in polynomial.factor()[1] if rational else polynomial.factors():
-        exact = _rank_deficits(reduced, channel, factor) if rational else None
+        exact = None
+        if rational:
+            matrices = _modular(reduced, channel, factor)
+            driven = [[*row, entry] for row, entry in zip(matrices.a, matrices.b, strict=True)]
+            exact = _Deficits(*map(matrices.deficit, (matrices.a, driven, [*matrices.a, matrices.c])))
         for root in certified_roots(factor):
             deficits = exact or _deficits_in_balls(reduced, channel, factor, root.value)
             yield _HiddenMode(
@@ -81,14 +85,6 @@ class _Deficits:
     modes: int
     input: int
     output: int
-
-
-def _rank_deficits(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Deficits:
-    """Return the exact rank deficits at the roots of an irreducible polynomial."""
-    matrices = _modular(reduced, channel, factor)
-    a, b, c = matrices.a, matrices.b, matrices.c
-    driven = [[*row, entry] for row, entry in zip(a, b, strict=True)]
-    return _Deficits(matrices.deficit(a), matrices.deficit(driven), matrices.deficit([*a, c]))
 
 
 #: Working precision of the state equations of irrational values; relative size, 2^-n, of an entry that is

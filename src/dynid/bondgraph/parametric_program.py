@@ -49,8 +49,14 @@ class ParametricProgram(Program):
             if node.value is not None and name not in self._dependent
         }
         self.known: Mapping[str, Fraction] = exact_values
-        numbers = [constant for number in self._dependent.values() for constant in _numbers(number)]
-        prime = prime_for([*exact_values.values(), *numbers])
+        constants: list[Fraction] = []
+
+        def note(item: Real) -> None:
+            constants.append(Fraction(item.reference if isinstance(item, Dependent) else item))
+
+        for number in self._dependent.values():
+            number.fold(note, lambda *_: None)
+        prime = prime_for([*exact_values.values(), *constants])
         exact = numeric_point(exact_values, prime)
         source = random.Random(0x5EED)
         # what holds at a random point of the unknown parameters holds for all of their values
@@ -159,17 +165,6 @@ class ParametricProgram(Program):
             dual = duals[id(node)]
             leaves[key] = dual.slopes.get(by, Fraction(0)) if by else dual.value
         return leaves
-
-
-def _numbers(number: Dependent) -> list[Fraction]:
-    """Return the numbers that an expression is written with."""
-    numbers: list[Fraction] = []
-
-    def note(item: Real) -> None:
-        numbers.append(Fraction(item.reference if isinstance(item, Dependent) else item))
-
-    number.fold(note, lambda *_: None)
-    return numbers
 
 
 class ParametricTape(Tape):

@@ -48,9 +48,12 @@ class Coordinates:
     @cached_property
     def units(self) -> Array:
         """The size of a unit of each coordinate: 1 of a logarithm."""
-        return np.array(
-            [1.0 if parameter.logarithmic else _size(parameter) for parameter in self.free], dtype=float
-        )
+        sizes = []
+        for parameter in self.free:  # of one that may be zero, its limits show its size
+            limits = [abs(limit) for limit in (parameter.low, parameter.high) if limit]
+            size = abs(parameter.start) or max(limits, default=1.0)
+            sizes.append(1.0 if parameter.logarithmic else size)
+        return np.array(sizes, dtype=float)
 
     @cached_property
     def start(self) -> Array:
@@ -103,14 +106,6 @@ class Coordinates:
         near = np.where([parameter.logarithmic for parameter in self.free], math.log(_START_SPREAD), 3.0)
         low, high = np.maximum(self.low, self.start - near), np.minimum(self.high, self.start + near)
         return np.random.default_rng(seed).uniform(low, high, (count, len(self.free)))
-
-
-def _size(parameter: Parameter) -> float:
-    """Return the typical size of a parameter that may be zero."""
-    if parameter.start:
-        return abs(parameter.start)
-    limits = [abs(limit) for limit in (parameter.low, parameter.high) if limit]
-    return max(limits, default=1.0)
 
 
 @dataclass(frozen=True, eq=False)

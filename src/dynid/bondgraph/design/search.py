@@ -198,7 +198,10 @@ class _Search:
             if len(guess.pieces) != len(now.values):
                 guess = self._guess(now)
             try:
-                B = _convex(self.hessian(here, guess))
+                values, vectors = np.linalg.eigh(self.hessian(here, guess))
+                # convex by the moduli of the eigenvalues, none of them tiny
+                least = 1e-6 * max(1.0, float(np.abs(values).max(initial=0.0)))
+                B = np.asarray((vectors * np.maximum(np.abs(values), least)) @ vectors.T)
             except NumericalError:
                 B = np.eye(len(here.eta))
             accepted, seen = False, here
@@ -382,13 +385,6 @@ class _Search:
 
 def _size(step: Array | None) -> float:
     return np.inf if step is None else float(np.abs(step).max(initial=0.0))
-
-
-def _convex(B: Array) -> Array:
-    """Return a matrix with the moduli of its eigenvalues, none of them tiny."""
-    values, vectors = np.linalg.eigh(B)
-    sizes = np.maximum(np.abs(values), 1e-6 * max(1.0, float(np.abs(values).max(initial=0.0))))
-    return np.asarray((vectors * sizes) @ vectors.T)
 
 
 def _reduced_curvature(B: Array, rows: Array) -> float:

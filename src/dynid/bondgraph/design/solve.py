@@ -111,16 +111,13 @@ def _optima(start: Array, met: list[Solution]) -> list[Optimum]:
         same = next((k for k, distance in enumerate(distances) if distance <= _OPTIMUM_DISTANCE), None)
         if same is not None:
             optima[same] = Optimum(optima[same].solution, optima[same].count + 1)
-        elif solution.conditions.verified if solution.conditions is not None else _is_isolated(solution):
+            continue
+        jacobian = solution.evaluation.jacobian  # of full rank where the targets leave no freedom
+        used = np.count_nonzero(np.abs(jacobian).max(axis=0, initial=0.0))
+        isolated = used == np.linalg.matrix_rank(jacobian, 1e-9 * np.abs(jacobian).max(initial=0.0))
+        if isolated if solution.conditions is None else solution.conditions.verified:
             optima.append(Optimum(solution, 1))
     return optima
-
-
-def _is_isolated(solution: Solution) -> bool:
-    """Return True if the targets leave no freedom at a solution."""
-    jacobian = solution.evaluation.jacobian
-    used = np.abs(jacobian).max(axis=0) > 0
-    return bool(np.linalg.matrix_rank(jacobian, 1e-9 * np.abs(jacobian).max()) == np.count_nonzero(used))
 
 
 #: Derivatives below this part of the largest one are those of something that does not change.

@@ -204,7 +204,11 @@ def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tu
         what = f"how often repeated roots are repeated ({powers})"
         raise _undecided(what, clustered if len(clustered) else rest)
     if not agree:
-        merged = [root for group in groups for root in _apart(rest, group)]
+        merged = []  # enclosures that cannot be separated: each root may be any of them
+        for group in groups:
+            centres, residuals = rest.centre[group], rest.residual[group].tolist()
+            radii = [float(np.max(np.abs(centres - value) + rest.radius[group])) for value in centres]
+            merged += zip(centres.tolist(), [1] * len(group), radii, residuals, strict=True)
     sides = _sides(merged, counts.mirrored - counts.at_origin)
     if strict and None in sides:
         near = np.array([side is None for side in sides])
@@ -231,16 +235,6 @@ def _merged(discs: RootDiscs, group: NDArray[np.int64]) -> _Part:
         centre = complex(centre.real, 0.0)
     radius = float(np.max(np.abs(centres - centre) + discs.radius[group]))
     return centre, len(group), radius, float(discs.residual[group].max())
-
-
-def _apart(discs: RootDiscs, group: NDArray[np.int64]) -> list[_Part]:
-    """Return roots whose enclosures cannot be separated: each may be any of them."""
-    centres = discs.centre[group]
-    radius = [float(np.max(np.abs(centres - value) + discs.radius[group])) for value in centres]
-    return [
-        (complex(value), 1, r, float(residual))
-        for value, r, residual in zip(centres, radius, discs.residual[group], strict=True)
-    ]
 
 
 def _sides(parts: list[_Part], mirrored: int) -> list[int | None]:

@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynid.arrays import finite, guarded
-from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, irreducible_blocks, solve
+from dynid.bondgraph.descriptor import (
+    Descriptor,
+    LinearForm,
+    NumberField,
+    constrained,
+    irreducible_blocks,
+    solve,
+)
 from dynid.bondgraph.floating.roots import RootDiscs
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
@@ -261,14 +268,10 @@ class _Pencil:
                 return splu(matrix)
             except RuntimeError:
                 continue
-        raise _unresolved(s)
-
-
-def _unresolved(s: complex) -> Undecided:
-    return Undecided(
-        f"the floating-point engine cannot resolve the roots near {s:.6g} rad/s",
-        remedy="Use 'analysis.engine: exact', which does.",
-    )
+        raise Undecided(
+            f"the floating-point engine cannot resolve the roots near {s:.6g} rad/s",
+            remedy="Use 'analysis.engine: exact', which does.",
+        )
 
 
 # --- systems of equations -------------------------------------------------------------------------
@@ -279,23 +282,21 @@ _MAX_DENSE_STORAGES = 8000
 
 def natural_equations(reduced: ReducedGraph, port: Port) -> list[LinearForm]:
     """Return the equations of the part behind an output without inputs: their roots are its natural modes."""
-    return _descriptor(reduced, port).equations
+    _check_size(reduced)
+    junctions = reduced.reductions[port].junctions
+    return Descriptor(reduced.structure, junctions, NumberField.rational(reduced.graph)).equations
 
 
 def zero_equations(reduced: ReducedGraph, channel: Channel) -> list[LinearForm]:
     """Return the equations with the input unknown and the output held at zero: zeros, and hidden modes."""
-    port, source = channel
-    system = _descriptor(reduced, port, freed=source)
-    output = system.output(port)
-    return [*system.equations, output]
+    _check_size(reduced)
+    return constrained(reduced, *channel, NumberField.rational(reduced.graph))[1]
 
 
-def _descriptor(reduced: ReducedGraph, port: Port, freed: str | None = None) -> Descriptor:
+def _check_size(reduced: ReducedGraph) -> None:
     if len(reduced.storages) > _MAX_DENSE_STORAGES:
         raise NumericalError(
             f"zeros and poles of {len(reduced.storages):,} storages are beyond dense eigenvalues "
             f"(at most {_MAX_DENSE_STORAGES:,})",
             remedy="Ask for the frequency response, which needs no roots, or for a smaller part.",
         )
-    junctions = reduced.reductions[port].junctions
-    return Descriptor(reduced.structure, junctions, NumberField.rational(reduced.graph), freed=freed)

@@ -141,16 +141,12 @@ def _finite(number: Any) -> Any:
     return number
 
 
-def _power(base: float, exponent: float) -> float:
-    return math.pow(base, exponent) if exponent else 1.0
-
-
 _ON_FLOATS: dict[str, Callable[..., Any]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
     "/": operator.truediv,
-    "**": _power,
+    "**": lambda base, exponent: math.pow(base, exponent) if exponent else 1.0,
     "neg": operator.neg,
     "pos": operator.pos,
     "abs": abs,

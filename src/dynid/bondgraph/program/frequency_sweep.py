@@ -180,8 +180,14 @@ class _BoundedDoubled:
         return _BoundedDoubled(-self.value, self.modulus, self.error)
 
     def __add__(self, other: _BoundedDoubled) -> _BoundedDoubled:
-        value, error = self.value + other.value, self.error + other.error
-        return _BoundedDoubled(value, _modulus(value), error + _SUM_ERROR * (self.modulus + other.modulus))
+        value = self.value + other.value
+        re, im = value.real.high, value.imag.high
+        square = re * re + im * im
+        # the sum of the parts where their squares would leave the range
+        fits = (square > _MIN_SQUARE) & (square < _MAX_SQUARE)
+        modulus = np.where(fits, np.sqrt(square), abs(re) + abs(im))
+        error = self.error + other.error + _SUM_ERROR * (self.modulus + other.modulus)
+        return _BoundedDoubled(value, modulus, error)
 
     def __sub__(self, other: _BoundedDoubled) -> _BoundedDoubled:
         return self + -other
@@ -208,13 +214,6 @@ class _BoundedDoubled:
         sound = (error <= _MAX_DIVISOR_ERROR * modulus) & (square > _MIN_SQUARE) & (square < _MAX_SQUARE)
         bound = _RECIPROCAL_SLACK * error * inverse + (_RECIPROCAL_ERROR * size + _UNDERFLOW_ERROR)
         return _BoundedDoubled(start + rest * start, size, np.where(sound, bound, np.inf))
-
-
-def _modulus(value: DoubledComplex) -> Array:
-    """Return |z|, by the sum of the parts where their squares would leave the range."""
-    re, im = value.real.high, value.imag.high
-    square = re * re + im * im
-    return np.where((square > _MIN_SQUARE) & (square < _MAX_SQUARE), np.sqrt(square), abs(re) + abs(im))
 
 
 def _doubled_reals(exact: Sequence[Fraction | int]) -> Array:

@@ -390,7 +390,7 @@ def reduction_at_root(
         part_b=element.register,
         name_a=", ".join(term.name for term in rest) or "nothing",
         name_b=element.name,
-        released=partial(_released, factors, net),
+        released=partial(_determinant, net, factors),
         shared=partial(_shared, net, *origins),
         suffix=trace.suffix,
     )
@@ -444,7 +444,7 @@ def _integrators(structure: JunctionStructure, junctions: Iterable[str]) -> int:
     )
 
 
-def _released(factors: tuple[Register, ...], net: NodalNetwork) -> Register:
+def _determinant(net: NodalNetwork, factors: tuple[Register, ...]) -> Register:
     """Write the determinant with the driving port removed, times s for every storage that integrates."""
     program = net.program
     return program.product(

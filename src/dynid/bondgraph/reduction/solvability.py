@@ -15,7 +15,6 @@ import heapq
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import NamedTuple
 
 from dynid.bondgraph.graph import SOURCES, Port
 from dynid.bondgraph.program.factored import field_point, numeric_point, primes_for
@@ -104,17 +103,10 @@ class _Undetermined:
     error: Singular  # what to raise where a requested output depends on them
 
 
-class _ModularNodalForm(NamedTuple):
-    """The nodal form of some junctions at a point modulo a prime."""
-
-    rows: dict[str, Sparse]  # by junction the coefficients of the common variables in its balance
-    driven: dict[str, Sparse]  # by source what it contributes to the balances
-
-
 def _modular_nodal_form(
     structure: JunctionStructure, point: ModularPoint, junctions: Iterable[str]
-) -> _ModularNodalForm:
-    """Return the nodal form of junctions that no source fixes, driven by all sources."""
+) -> tuple[dict[str, Sparse], dict[str, Sparse]]:
+    """Return the balances of junctions that no source fixes, and what every source contributes to them."""
     sources = [name for name, node in structure.graph.nodes.items() if node.type in SOURCES]
     program = Program(point)
     net = NodalNetwork(structure, program, dict.fromkeys(junctions, 0), sources)
@@ -126,7 +118,7 @@ def _modular_nodal_form(
                 rows[name][column.name] = int(program.image(entry))
         for source, amount in row.sources.items():
             driven.setdefault(source, {})[name] = int(program.image(amount))
-    return _ModularNodalForm(rows, driven)
+    return rows, driven
 
 
 def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None = None) -> list[_Undetermined]:
@@ -146,18 +138,18 @@ def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None =
     else:
         points = [field_point(values, graph.field)]
     for point in points:
-        form = _modular_nodal_form(structure, point, names)
-        elimination = _SparseElimination(form.rows, point.prime)
+        rows, contributions = _modular_nodal_form(structure, point, names)
+        elimination = _SparseElimination(rows, point.prime)
         if not elimination.free:
             return []
     # a contradiction: a left null vector that does not annihilate the sources; the smallest is reported
-    transposed: dict[str, Sparse] = {name: {} for name in form.rows}
-    for name, row in form.rows.items():
+    transposed: dict[str, Sparse] = {name: {} for name in rows}
+    for name, row in rows.items():
         for column, entry in row.items():
             transposed[column][name] = entry
     smallest: tuple[list[str], list[str]] | None = None
     for vector in _SparseElimination(transposed, point.prime).null_vectors():
-        sources = [name for name, driven in form.driven.items() if _product(driven, vector, point.prime)]
+        sources = [name for name, driven in contributions.items() if _product(driven, vector, point.prime)]
         if sources and (smallest is None or len(vector) < len(smallest[0])):
             smallest = list(vector), [name for name in graph.nodes if name in sources]
     if smallest is not None:

@@ -11,11 +11,12 @@ from dynid.lti.step_info import StepInfo, step_info
 from dynid.progress import tracked
 from dynid.result import Result
 
-_FREQUENCIES = frozenset({"bandwidth", "peak_frequency", "half_power_low", "half_power_high"})
-_TIMES = frozenset({"rise_time", "settling_time", "transient_time", "peak_time"})
-_SHARES = frozenset({"overshoot", "undershoot"})
-#: Of what the gain of the channel is the unit.
-_GAINS = frozenset({"final_value", "initial_value", "peak", "peak_gain"})
+#: Units of what has not that of the channel's gain.
+_UNITS = (
+    dict.fromkeys(("bandwidth", "peak_frequency", "half_power_low", "half_power_high"), "rad/s")
+    | dict.fromkeys(("rise_time", "settling_time", "transient_time", "peak_time"), "s")
+    | dict.fromkeys(("overshoot", "undershoot"), "%")
+)
 
 #: The name of the status of each of them, which says why one is not defined.
 STATUSES = {
@@ -47,13 +48,5 @@ def add_characteristics(result: Result, reduced: ReducedGraph, asked: frozenset[
             for name in names:
                 value = getattr(values, name)
                 if value is not None:
-                    unit = _unit(name, reduced.units.of_channel(*channel))
-                    result.add(f"{group}/{name}", value, units=unit)
-
-
-def _unit(name: str, gain: str) -> str:
-    """Return the unit of a characteristic."""
-    for names, unit in ((_FREQUENCIES, "rad/s"), (_TIMES, "s"), (_SHARES, "%"), (_GAINS, gain)):
-        if name in names:
-            return unit
-    raise AssertionError(name)
+                    gain = reduced.units.of_channel(*channel)
+                    result.add(f"{group}/{name}", value, units=_UNITS.get(name, gain))

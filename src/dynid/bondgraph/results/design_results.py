@@ -61,19 +61,12 @@ def add_design(result: Result, designed: Designed, omega: Array | None) -> None:
     result.add(f"{GROUP}/optima/objective", [optimum.solution.objective for optimum in optima], ("optimum",))
     result.add(f"{GROUP}/optima/count", [optimum.count for optimum in optima], ("optimum",))
     _add_responses(result, designed, omega)
-    _warn(result, designed)
-
-
-def _warn(result: Result, designed: Designed) -> None:
-    """Add warnings of a minimum that is not verified."""
-    conditions = designed.solution.conditions
-    if conditions is None or conditions.verified:
-        return
-    text = (
-        f"the design is no verified minimum: the first-order residual is {conditions.stationarity:.1g}; "
-        "try more 'starts'"
-    )
-    result.add_axis(f"{GROUP}/warnings", np.array([text], dtype=object))
+    if best.conditions is not None and not best.conditions.verified:
+        text = (
+            f"the design is no verified minimum: the first-order residual is "
+            f"{best.conditions.stationarity:.1g}; try more 'starts'"
+        )
+        result.add_axis(f"{GROUP}/warnings", [text])
 
 
 def _add_targets(result: Result, designed: Designed) -> None:

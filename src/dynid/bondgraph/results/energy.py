@@ -9,7 +9,7 @@ The result has them for modes and elements, and the performance of sources over 
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,7 +155,12 @@ class _Spectrum(NamedTuple):
         except np.linalg.LinAlgError:
             conditions = np.full(len(values), np.inf)
         if not conditions.max() < _MAX_INVERTED_CONDITION:
-            conditions = _conditions(A)
+            from scipy.linalg import eig
+
+            _, left, right = cast("Any", eig(A, left=True))  # unit vectors
+            overlaps = np.abs((left.conj() * right).sum(axis=0))
+            # that of a defective one is beyond all bounds
+            conditions = np.asarray(1 / np.maximum(overlaps, np.finfo(float).eps))
         return cls(values, _rounding_of(A) * conditions, vectors)
 
     def cluster(self, value: complex, bound: float) -> tuple[complex, int]:
@@ -175,16 +180,6 @@ class _Spectrum(NamedTuple):
         spread = 0.0 if exact else float(np.sort(distances)[size - 1])
         count = int((singular <= 10 * _rounding_of(A) + spread).sum())
         return np.asarray(vectors[len(A) - min(max(count, 1), size) :].conj().T)
-
-
-def _conditions(A: Array) -> Array:
-    """Return the conditions of eigenvalues: 1 / |y' x| of unit vectors from left and right."""
-    from scipy.linalg import eig
-
-    eigen: Any = eig(A, left=True)
-    _, left, right = eigen
-    # that of a defective one is beyond all bounds
-    return np.asarray(1 / np.maximum(np.abs((left.conj() * right).sum(axis=0)), np.finfo(float).eps))
 
 
 def _rounding_of(A: Array) -> float:

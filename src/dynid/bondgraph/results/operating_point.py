@@ -153,17 +153,14 @@ def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
     size[size == 0] = 1.0
     deviation = np.abs(outputs - linear.data).max(axis=0) / size
     result.add(f"{_TIME}/nonlinear", outputs, linear.dims, linear.units)
+    states = point.equations.states  # an integral that is none of them counts from t = 0
     values = [
-        point.value(port) if port.quantity in "ef" else _at_rest(point, port) for port in analysis.law_outputs
+        point.value(port) if port.quantity in "ef" or Port(port.node, port.quantity) in states else 0.0
+        for port in analysis.law_outputs
     ]
     result.add(f"{_TIME}/operating_value", np.array(values), ("output",), linear.units)
     result.add(f"{_TIME}/nonlinear_deviation", deviation, linear.dims[1:])
     result.annotate(_TIME, nonlinear_tolerance=TOLERANCE, nonlinear_error=error)
-
-
-def _at_rest(point: OperatingPoint, port: Port) -> float:
-    """Return the value of an integral; zero where it counts from t = 0."""
-    return point.value(port) if Port(port.node, port.quantity) in point.equations.states else 0.0
 
 
 #: Relative tolerance of the response, and that of the one it is compared with.

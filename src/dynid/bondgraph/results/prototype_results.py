@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynid.arithmetic.field_polynomials import primitive, settled_coefficients
-from dynid.bondgraph.analysis_request import Engine, modelled_storages
+from dynid.bondgraph.analysis_request import Analysis, Engine, modelled_storages
 from dynid.bondgraph.decomposition.prototype_dynamics import PrototypeDynamics, prototype_dynamics
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.formula_printers import ATOM, LATEX, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
@@ -29,10 +29,14 @@ _MAX_FRACTION_BITS = 64
 _MAX_SYSTEM_OPERATIONS = 40
 
 
-def add_steps(result: Result, reduced: ReducedGraph) -> None:
-    """Add the steps to every output, in order: rule, nodes, equation and meaning."""
-    reductions = {str(port): reduction for port, reduction in reduced.reductions.items()}
-    add_traces(result, "bond_graph/reduction", reduced, reductions, "output")
+def add_reductions(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
+    """Add the steps to every output, the prototypes and their dynamics, as far as they are asked for."""
+    if "reduction" in analysis.results:
+        reductions = {str(port): reduction for port, reduction in reduced.reductions.items()}
+        add_traces(result, "bond_graph/reduction", reduced, reductions, "output")
+    _add_prototypes(result, reduced)
+    if "prototype" in analysis.results:
+        _add_output_dynamics(result, reduced, analysis.engine)
 
 
 def add_traces(
@@ -50,7 +54,7 @@ def add_traces(
     result.add(f"{group}/steps", table, ("step",))
 
 
-def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
+def _add_prototypes(result: Result, reduced: ReducedGraph) -> None:
     """Add the prototype at every output: its letter, its equation, and the systems A and B."""
     ports = list(reduced.reductions)
     result.add_axis("bond_graph/reduction/output", [str(port) for port in ports])
@@ -113,7 +117,7 @@ def equations(planned: GraphProgram, reduction: Reduction, hand: FormulaPrinter)
 _MAX_PROTOTYPE_SIZE = 150
 
 
-def add_output_dynamics(result: Result, reduced: ReducedGraph, engine: Engine) -> None:
+def _add_output_dynamics(result: Result, reduced: ReducedGraph, engine: Engine) -> None:
     """Add the dynamics of the prototype at every output; of a large graph only for the exact engine."""
     size = modelled_storages(reduced)
     if size > _MAX_PROTOTYPE_SIZE and engine != "exact":
@@ -191,16 +195,13 @@ def polynomial_text(polynomial: Any) -> str:
         if coefficient == 0:
             continue
         variable = {0: "", 1: "s"}.get(power, f"s**{power}")
-        size = "" if abs(coefficient) == 1 and variable else _coefficient_text(abs(coefficient))
+        exact = fraction(abs(coefficient))  # of a field its decimals are those of a double
+        short = exact.denominator.bit_length() < _MAX_FRACTION_BITS
+        size = str(exact) if short else repr(nearest_double(exact))
+        size = "" if abs(coefficient) == 1 and variable else size
         sign = (" - " if coefficient < 0 else " + ") if text else "-" * (coefficient < 0)
         text += f"{sign}{'*'.join(factor_text for factor_text in (size, variable) if factor_text)}"
     return text or "0"
-
-
-def _coefficient_text(coefficient: Any) -> str:
-    """Write a positive integer, or a number of a field, whose decimals are those of a double."""
-    exact = fraction(coefficient)
-    return str(exact) if exact.denominator.bit_length() < _MAX_FRACTION_BITS else repr(nearest_double(exact))
 
 
 def _add_condition(result: Result, group: str, prefix: str, polynomial: Any) -> None:

@@ -140,31 +140,20 @@ def realise(request: Driving, form: Form, domain: str = "") -> Realisation:
             _CAUER[form](*request.impedance) if form in _CAUER else _BY_ROOTS[form](*request.impedance, bits)
         )
         graph = bond_graph(with_values(port, partial(_written, bits=bits, digits=digits)), source, domain)
-        _refuse_extremes(graph, form)
-        realisation = _analysed(request, form, graph)
-        if realisation.residual <= TOLERANCE:
-            return realisation
+        for node in graph.nodes.values():
+            if node.value is not None and not _SMALLEST <= node.value <= _LARGEST:
+                raise NumericalError(
+                    f"{node.name} of the {form} form is outside the range of doubles",
+                    remedy="Scale the function and its frequencies, or take another form.",
+                )
+        own = request.of_graph(graph)
+        residual = max(map(_error, (request.numerator, request.denominator), own))
+        if residual <= TOLERANCE:
+            return Realisation(form, graph, *own, residual)
     raise NumericalError(
-        f"the {form} form has the coefficients of the function only to {realisation.residual:.1e}",
+        f"the {form} form has the coefficients of the function only to {residual:.1e}",
         remedy="Scale the function, or take another form.",
     )
-
-
-def _refuse_extremes(graph: BondGraph, form: Form) -> None:
-    """Raise where the value of an element is beyond the range of doubles, in which a scene holds it."""
-    for node in graph.nodes.values():
-        if node.value is not None and not _SMALLEST <= node.value <= _LARGEST:
-            raise NumericalError(
-                f"{node.name} of the {form} form is outside the range of doubles",
-                remedy="Scale the function and its frequencies, or take another form.",
-            )
-
-
-def _analysed(request: Driving, form: Form, graph: BondGraph) -> Realisation:
-    """Return a graph with its own driving-point function."""
-    numerator, denominator = request.of_graph(graph)
-    above, below = _error(request.numerator, numerator), _error(request.denominator, denominator)
-    return Realisation(form, graph, numerator, denominator, max(above, below))
 
 
 def _written(value: Fraction, bits: int, digits: int) -> Fraction:
