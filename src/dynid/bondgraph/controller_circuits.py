@@ -260,9 +260,7 @@ def _divided(numerator: Polynomial, denominator: Polynomial) -> tuple[list[Real]
         quotient.insert(0, factor)
         shift = len(rest) - len(monic)
         lower = [Fraction(0)] * shift + [factor * coefficient for coefficient in monic]
-        rest = [upper - subtrahend for upper, subtrahend in zip_longest(rest, lower, fillvalue=Fraction(0))][
-            :-1
-        ]
+        rest = [a - b for a, b in zip_longest(rest, lower, fillvalue=Fraction(0))][:-1]
     return quotient, rest, monic
 
 

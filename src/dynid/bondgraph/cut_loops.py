@@ -45,7 +45,7 @@ _RATIO_DENOMINATOR, _RATIO_ROUNDING = 1000, Fraction(1, 2**300)
 _EXPANDED_ROWS = 3
 
 
-def polynomial_over(field: RealField | None, coefficients: list[Any]) -> Any:
+def _polynomial_over(field: RealField | None, coefficients: list[Any]) -> Any:
     """Return a polynomial over the integers (flint `fmpz_poly`), or over a field, coefficients ascending."""
     from flint import fmpz_poly
 
@@ -72,7 +72,7 @@ class CutLoops:
         channels = reduced.channels()
         ratios = reduced.rational(channels.values())
         plant = {channel: ratios[register].lowest_terms() for channel, register in channels.items()}
-        common = polynomial_over(opened.field, [1])
+        common = _polynomial_over(opened.field, [1])
         for _, below in plant.values():
             common = common * (below // common.gcd(below))
         self._common = common
@@ -159,7 +159,7 @@ class CutLoops:
         (below,) = opened.over(common_factor([function, opened])).terms.values()
         for _, controller_modes in self._controllers:
             modes *= controller_modes
-        modes *= polynomial_over(self.reduced.field, [*[0] * self._measuring_integrals, 1])
+        modes *= _polynomial_over(self.reduced.field, [*[0] * self._measuring_integrals, 1])
         return modes // modes.gcd(below)
 
     @cached_property
@@ -179,7 +179,7 @@ class CutLoops:
         if not integrals:
             return 0
         drives = list({loop.source: number for number, loop in enumerate(self.loops)}.values())
-        s, zero = polynomial_over(self.reduced.field, [0, 1]), 0 * self._common
+        s, zero = _polynomial_over(self.reduced.field, [0, 1]), 0 * self._common
         poles = []
         for behind in (False, True):
             plant = [
@@ -212,7 +212,7 @@ class CutLoops:
         """Return the verdict on loops, controllers and every separate part of the graph."""
         others = parts_without_output(self.reduced)
         parts = [*separate_parts(self.reduced, self.natural), *(others or ())]
-        modes = math.prod(parts, start=polynomial_over(self.reduced.field, [1]))
+        modes = math.prod(parts, start=_polynomial_over(self.reduced.field, [1]))
         hidden = certified_roots(self.unmoved(modes))
         verdicts = [self.shown, *([verdict(hidden)] if hidden else [])]
         return combined([*verdicts, *([] if others is not None else [no_solution(self.reduced.free)])])
@@ -245,11 +245,6 @@ class CutLoops:
                     remedy="Change the gain, or add a filter to the controller.",
                     names=[location for k in chosen if (location := self.loops[k].place)],
                 )
-
-    def _over_one_denominator(self, group: list[int]) -> tuple[Any, list[tuple[int, Any]]]:
-        parts = [(loop, *self._controllers[loop]) for loop in group]
-        denominator = math.prod((below for _, _, below in parts), start=0 * self._common + 1)
-        return denominator, [(loop, above * (denominator // below)) for loop, above, below in parts]
 
     def _minor(self, kept: Sequence[int]) -> Any:
         """Return det(I + G K) of some loops, times a denominator that is the same for all sets of loops.
@@ -288,7 +283,7 @@ def controller(loop: Loop, field: RealField | None = None) -> tuple[Any, Any]:
     parts = [[reference(c) for c in coefficients] for coefficients in (loop.numerator, loop.denominator)]
     if field is not None:
         exact = [[coded(c, field) for c in reversed(coefficients)] for coefficients in parts]
-        top, bottom = (polynomial_over(field, [fmpq(c.numerator, c.denominator) for c in p]) for p in exact)
+        top, bottom = (_polynomial_over(field, [fmpq(c.numerator, c.denominator) for c in p]) for p in exact)
         return top, bottom
     factor = lcm(*(c.denominator for polynomial in parts for c in polynomial))
     top, bottom = (fmpz_poly([int(c * factor) for c in reversed(polynomial)]) for polynomial in parts)
@@ -303,9 +298,7 @@ def rational(functions: Sequence[QuasiPolynomial], order: int) -> list[Any]:
     counts = [Counter(loop.seconds for loop in product) for product in products]
     approximants = {}
     for delay, largest in reduce(or_, counts, Counter[Fraction]()).items():
-        exact = [
-            [Fraction(reference(c)) for c in reversed(coefficients)] for coefficients in pade(delay, order)
-        ]
+        exact = [[Fraction(reference(c)) for c in reversed(part)] for part in pade(delay, order)]
         parts = [[fmpq(c.numerator, c.denominator) for c in coefficients] for coefficients in exact]
         top, bottom = (fmpq_poly(coefficients) for coefficients in parts)
         approximants[delay] = (largest, top, bottom)

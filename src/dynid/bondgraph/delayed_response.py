@@ -95,9 +95,8 @@ def _turned_response(
 
 def _answer(loop: Loop, s: ComplexArray, *, cut: bool) -> ComplexArray:
     """Return the controller times exp(-s τ), less the controller without its delay unless that is cut."""
-    top, bottom = (
-        np.polyval([float(reference(c)) for c in p], s) for p in (loop.numerator, loop.denominator)
-    )
+    parts = (loop.numerator, loop.denominator)
+    top, bottom = (np.polyval([float(reference(c)) for c in part], s) for part in parts)
     turn = -s * float(reference(loop.delay))
     with np.errstate(all="ignore"):
         return np.asarray(top / bottom * (np.exp(turn) if cut else np.expm1(turn)))

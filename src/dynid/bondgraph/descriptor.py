@@ -402,9 +402,8 @@ def without_input_rates(rates: dict[str, LinearForm], outputs: list[LinearForm])
     for k in range(highest, 0, -1):
         shifts: dict[FormSymbol, LinearForm] = {}
         for name, form in rates.items():
-            moved: LinearForm = {
-                ("u", s[1], k - 1): form.pop(s) for s in list(form) if len(s) == 3 and s[2] == k
-            }
+            rates_k = [symbol for symbol in form if len(symbol) == 3 and symbol[2] == k]
+            moved: LinearForm = {("u", symbol[1], k - 1): form.pop(symbol) for symbol in rates_k}
             if moved:
                 shifts["w", name] = moved
         for form in forms:

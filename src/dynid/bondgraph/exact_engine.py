@@ -66,9 +66,8 @@ class TransferFunction(TransferProperties):
         above, below = gain * numerator.rounded(), denominator.rounded()
         common = above.denom() * below.denom()
         above, below = (above * common).numer(), (below * common).numer()
-        return cls(
-            *(polynomial // math.gcd(above.content(), below.content()) for polynomial in (above, below))
-        )
+        content = math.gcd(above.content(), below.content())
+        return cls(above // content, below // content)
 
     def times(self, factor: Fraction) -> TransferFunction:
         """Return it times a number."""

@@ -220,9 +220,7 @@ def expand_coupling(
     expansion, second = Expansion(name, names_in_use), ports[len(matrix) :]
     rows = [expansion.add_port(port, "1", quantities.get(port, ())) for port in ports[: len(matrix)]]
     column_kind: Literal["0", "1"] = "0" if kind == "TF" else "1"
-    columns = [
-        expansion.add_port(port, column_kind, quantities.get(port, ()), outward=True) for port in second
-    ]
+    columns = [expansion.add_port(out, column_kind, quantities.get(out, ()), outward=True) for out in second]
     for row, into, entries in zip(rows, ports, matrix, strict=False):
         for column, out, entry in zip(columns, second, entries, strict=True):
             if reference(entry):

@@ -225,9 +225,8 @@ class BondGraph:
 
     def _code(self, others: Sequence[Irrational] = ()) -> RealField | None:
         """Code values that are irrational (`RealField`); return their field, None where all are rational."""
-        irrational = {
-            name: node.value for name, node in self.nodes.items() if isinstance(node.value, Irrational)
-        }
+        values = {name: node.value for name, node in self.nodes.items()}
+        irrational = {name: value for name, value in values.items() if isinstance(value, Irrational)}
         if not irrational and not others:
             return None
         storages = sum(node.type in STORAGES for node in self.nodes.values())

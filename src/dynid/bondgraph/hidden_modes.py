@@ -100,9 +100,8 @@ def _deficits_in_balls(reduced: ReducedGraph, channel: Channel, factor: Any, val
     """
     from flint import acb, ctx, fmpq
 
-    _, rates, (output,) = _equations(
-        reduced, channel, NumberField.rational(reduced.graph), [_rated(reduced, channel)]
-    )
+    field = NumberField.rational(reduced.graph)
+    _, rates, (output,) = _equations(reduced, channel, field, [_rated(reduced, channel)])
     states: list[FormSymbol] = [("w", name) for name in rates]
     with ctx.workprec(_BALL_BITS):
         root, slope = acb(value), factor.derivative()
@@ -264,16 +263,12 @@ def _energy(
         scale = np.sqrt((sizes[:, None] * system.C[1:] ** 2).sum(axis=0))  # a state's unit of energy
         scale = np.where(np.isfinite(scale) & (scale > 0), scale, 1.0)
     rows = (system.A / scale) * scale[:, None] - root * np.eye(len(scale))
-    unseen = (
-        system.C[:1] / scale * (np.abs(rows).max(initial=1.0) / (np.abs(system.C[0] / scale).max() or 1.0))
-    )
+    shown = system.C[:1] / scale
+    unseen = shown * (np.abs(rows).max(initial=1.0) / (np.abs(shown).max() or 1.0))
     motion = np.linalg.svd(np.vstack([rows, unseen]) if deficits.output else rows)[2].conj().T
     motion = motion[:, len(scale) - (deficits.output or deficits.modes) :] / scale[:, None]
     energies = sizes * (np.abs(system.C[1:] @ motion) ** 2).sum(axis=1)
     total = energies.sum()
     shares = {name: round(float(e / total), 4) for name, e in zip(storages, energies, strict=True) if total}
-    return {
-        name: share
-        for name, share in sorted(shares.items(), key=lambda it: -it[1])
-        if share >= _MIN_ENERGY_SHARE
-    }
+    ranked = sorted(shares.items(), key=lambda item: -item[1])
+    return {name: share for name, share in ranked if share >= _MIN_ENERGY_SHARE}

@@ -124,9 +124,8 @@ class ParametricEquations:
         kind = nodes[name].type if junction is None else "I" if junction.kind == "1" else "C"
         element = name
         if junction is not None:
-            element = next(
-                name for name in junction.elements if nodes[name].type == kind and field.value(name)
-            )
+            stores = (name for name in junction.elements if nodes[name].type == kind)
+            element = next(filter(field.value, stores))
         sign = bond_sign(self.graph, element)
         if kind == "I":  # the flow of a 1-junction is that of its elements; what integrates has its own arrow
             return _StateOfGraph(Port(element, "f"), "f"), field.one * (sign if junction is None else 1)
@@ -233,9 +232,8 @@ class ParametricEquations:
         channels: list[Register] = []
         try:
             for port in reduced.outputs:
-                transfers = reduce_graph(
-                    reduced.structure, program, port, reduced.inputs, traced=False
-                ).channels
+                reduction = reduce_graph(reduced.structure, program, port, reduced.inputs, traced=False)
+                transfers = reduction.channels
                 channels += [transfers.get(source, program.zero) for source in reduced.inputs]
             slopes = program.slopes(channels)
         except ZeroDivisionError:

@@ -85,9 +85,8 @@ def expand_structure(
         else:
             junctions[index] = expansion.add("1", f"{expansion.name}.{label}", None, port_domain)
     for letter, kind in _ELEMENTS:
-        expansion.add_squares(
-            kind, _squares(expansion.name, model, letter, reading), junctions, texts, letter
-        )
+        squares = _squares(expansion.name, model, letter, reading)
+        expansion.add_squares(kind, squares, junctions, texts, letter)
 
 
 def _places(name: str, model: StructuralModel, ports: Mapping[str, Label]) -> dict[str, int]:
@@ -183,9 +182,8 @@ def expand_modes(
             )
         for index in np.flatnonzero(motion).tolist():
             modulus = 1 / Fraction(float(motion[index]))
-            expansion.connect(
-                force, junctions[index], modulus, f"{expansion.name}_{port}_{identifier(texts[index])}"
-            )
+            name = f"{expansion.name}_{port}_{identifier(texts[index])}"
+            expansion.connect(force, junctions[index], modulus, name)
 
 
 def _full(model: StructuralModel) -> StructuralModel:

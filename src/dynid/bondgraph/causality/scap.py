@@ -46,9 +46,7 @@ class _StrokeCompletion:
             name: [_follow(strokes, name, bond)[0] for bond in strokes.bonds_at[name]]
             for name in strokes.setter
         }
-        neighbours = {
-            name: [end for end in ends_at if end in strokes.setter] for name, ends_at in ends.items()
-        }
+        neighbours = {name: [end for end in linked if end in ends] for name, linked in ends.items()}
         degree = {name: len(linked) for name, linked in neighbours.items()}
         #: The junctions that are left when those with a single link to others are taken off in turn.
         self.loops = dict.fromkeys(strokes.setter)

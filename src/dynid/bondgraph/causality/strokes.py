@@ -137,9 +137,7 @@ class Strokes:
                     queue.append((neighbour, not self.setting(node, neighbour), "propagated", (bond,)))
         elif kind in JUNCTIONS and self.setter[node] is None and self._open[node] < 2:
             last = [open_bond for open_bond in self.bonds_at[node] if self.at_head[open_bond] is None]
-            others = tuple(
-                closed_bond for closed_bond in self.bonds_at[node] if self.at_head[closed_bond] is not None
-            )
+            others = tuple(other for other in self.bonds_at[node] if self.at_head[other] is not None)
             if not last:
                 return self._contradiction(node, others, surplus=False)
             queue.append((last[0], self.setting(node, last[0]), "propagated", others))

@@ -80,9 +80,8 @@ class Coordinates:
 
     def values(self, eta: Array) -> Array:
         """Return the values at coordinates, those at a limit exactly it."""
-        values = np.array(
-            [parameter.value(x) for parameter, x in zip(self.free, eta * self.units, strict=True)]
-        )
+        pairs = zip(self.free, eta * self.units, strict=True)
+        values = np.array([parameter.value(coordinate) for parameter, coordinate in pairs])
         for k, parameter in enumerate(self.free):
             for limit, at in ((parameter.low, self.low[k]), (parameter.high, self.high[k])):
                 if limit is not None and eta[k] == at:
@@ -96,9 +95,7 @@ class Coordinates:
 
     def of(self, values: Mapping[str, float]) -> Array:
         """Return the coordinates of values, by name; the start where there is none."""
-        coordinates = [
-            parameter.coordinate(values.get(parameter.name, parameter.start)) for parameter in self.free
-        ]
+        coordinates = [free.coordinate(values.get(free.name, free.start)) for free in self.free]
         return np.asarray(np.array(coordinates) / self.units)
 
     def drawn(self, count: int, seed: int) -> Array:
@@ -197,9 +194,8 @@ class DesignFunctions:
         except np.linalg.LinAlgError:
             if len(omega) == 1:
                 return np.array([complex(math.inf)])
-            return np.concatenate(
-                [self.response(matrices, target, block) for block in np.array_split(omega, 2)]
-            )
+            halves = np.array_split(omega, 2)
+            return np.concatenate([self.response(matrices, target, half) for half in halves])
 
     def at(self, eta: Array) -> Evaluation:
         """Evaluate all targets; where the equations have no solution, all are infinite."""

@@ -324,9 +324,8 @@ class _Search:
         size = max(float(sizes.max(initial=0.0)), float(now.tops.sum()))
         stationarity = float(np.abs(gradient[free]).max(initial=0.0)) / size
         signs = multipliers_now.pieces[pieces].min(initial=0.0) >= -1e-7
-        held = (gradient[at_low] >= -STATIONARY * size).all() and (
-            gradient[at_high] <= STATIONARY * size
-        ).all()
+        small = STATIONARY * size
+        held = (gradient[at_low] >= -small).all() and (gradient[at_high] <= small).all()
         try:
             B = self.hessian(here, multipliers_now)[np.ix_(free, free)]
         except NumericalError:

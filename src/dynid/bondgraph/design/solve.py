@@ -105,9 +105,8 @@ def _optima(start: Array, met: list[Solution]) -> list[Optimum]:
     best, *others = sorted(met, key=rank)
     optima = [Optimum(best, 1)]
     for solution in others:
-        distances = [
-            np.abs(solution.evaluation.eta - optimum.solution.evaluation.eta).max() for optimum in optima
-        ]
+        eta = solution.evaluation.eta
+        distances = [np.abs(eta - optimum.solution.evaluation.eta).max() for optimum in optima]
         same = next((k for k, distance in enumerate(distances) if distance <= _OPTIMUM_DISTANCE), None)
         if same is not None:
             optima[same] = Optimum(optima[same].solution, optima[same].count + 1)

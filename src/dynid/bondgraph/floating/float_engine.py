@@ -30,9 +30,8 @@ class FloatEngine:
     def __init__(self, reduced: ReducedGraph) -> None:
         self.reduced = reduced
         self.channels = reduced.channels()
-        determinants = {
-            port: determinant(reduced, reduction) for port, reduction in reduced.reductions.items()
-        }
+        reductions = reduced.reductions.items()
+        determinants = {port: determinant(reduced, reduction) for port, reduction in reductions}
         counted = modular_ratios(reduced, [*self.channels.values(), *determinants.values()])
         self.counts = {channel: counted[register] for channel, register in self.channels.items()}
         self.natural_counts = {port: counted[register][0] for port, register in determinants.items()}

@@ -16,11 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.program.factored import (
-    RationalFunction,
-    polynomial,
-    rational_functions_modulo,
-)
+from dynid.bondgraph.program.factored import RationalFunction, polynomial, rational_functions_modulo
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Undecided
 from dynid.lti.stability import SidedRoot
@@ -182,9 +178,8 @@ def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tu
     origin = np.arange(len(discs)) < counts.at_origin
     around = np.abs(discs.centre) <= discs.radius
     if (around != origin).any():
-        raise _undecided(
-            f"which roots lie at the origin ({counts.at_origin} do)", discs.where(around | origin)
-        )
+        what = f"which roots lie at the origin ({counts.at_origin} do)"
+        raise _undecided(what, discs.where(around | origin))
     roots = [EstimatedRoot(0j, counts.at_origin, 0.0, 0, 0.0)] if counts.at_origin else []
     rest = discs.where(~origin)
     labels = rest.clusters()

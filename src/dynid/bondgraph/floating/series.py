@@ -178,9 +178,8 @@ def leading_terms(
     """Return the leading terms of registers that do not vanish: (k, c) for c s^k at s = 0 or infinity."""
     sign = -1 if at_infinity else 1
     run = _sharp(reduced, registers, sign, lambda series: bool(series.coefficients))
-    return {
-        register: (sign * series.start, float(series.coefficients[0])) for register, series in run.items()
-    }
+    leading = {register: float(series.coefficients[0]) for register, series in run.items()}
+    return {register: (sign * run[register].start, size) for register, size in leading.items()}
 
 
 def limits_at_rest(

@@ -68,9 +68,8 @@ def print_sum(
                 continue
             for sign, addend in _addends(program, expression):
                 addend_quotient = ring.part(addend)
-                summands.append(
-                    SumTerm(addend_quotient._replace(above=sign * addend_quotient.above), sign, addend)
-                )
+                value = addend_quotient._replace(above=sign * addend_quotient.above)
+                summands.append(SumTerm(value, sign, addend))
     except OverflowError:
         return [_as_it_stands(program, expression, nodes, hand) for expression in expressions]
     written: list[Printed] = []
@@ -129,9 +128,8 @@ def in_order(program: Program, register: Register, stops: Container[Register]) -
     while stack:
         current = stack[-1]
         leaf = current != register and current in stops
-        missing = (
-            [] if leaf else [operand for operand in operands(*program.ops[current]) if operand not in done]
-        )
+        read = () if leaf else operands(*program.ops[current])
+        missing = [operand for operand in read if operand not in done]
         if missing:
             stack += missing
             continue

@@ -52,9 +52,8 @@ class SymbolicQuotient(FactoredQuotient):
         if value == 0:
             return SymbolicQuotient(None, 1, self.ring, self.limit)
         parts = ((abs(value.numerator), 1), (value.denominator, -1))
-        factors = {
-            PolynomialFactor(self.ring.constant(number)): power for number, power in parts if number != 1
-        }
+        powers = {number: power for number, power in parts if number != 1}
+        factors = {PolynomialFactor(self.ring.constant(number)): power for number, power in powers.items()}
         return SymbolicQuotient(factors, 1 if value > 0 else -1, self.ring, self.limit)
 
     def as_integer(self) -> int | None:

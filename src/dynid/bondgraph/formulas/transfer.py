@@ -168,9 +168,8 @@ def _common_factors(
         for factor in value.factors:
             if factor not in met:
                 met[factor] = PolynomialFactor(_on_line(factor.polynomial, lines, prime))
-        return ModularQuotient(
-            {met[factor]: power for factor, power in value.factors.items()}, value.sign, prime
-        )
+        factors = {met[factor]: power for factor, power in value.factors.items()}
+        return ModularQuotient(factors, value.sign, prime)
 
     images = {name: restricted(value) for name, value in values.items()}
     run = reduced.run(registers, images, restricted(s), restricted(unity))

@@ -74,17 +74,15 @@ class LawEquations:
             for name, node in graph.nodes.items()
             if node.type in STORAGES
         ]
-        of_outputs = [
-            Port(port.node, port.quantity) for port in (*needed, *self.integrals) if port.quantity in "qp"
-        ]
+        integrals = [port for port in (*needed, *self.integrals) if port.quantity in "qp"]
+        of_outputs = [Port(port.node, port.quantity) for port in integrals]
         self.states: tuple[Port, ...] = tuple(dict.fromkeys([*of_storages, *of_outputs]))
         first = 2 * len(graph.bonds)
         self._places = {state: first + k for k, state in enumerate(self.states)}
         self.size = first + len(self.states)
         #: Columns of the rates of the states.
-        self.rates = [
-            self.column(Port(port.node, "e" if port.quantity == "p" else "f")) for port in self.states
-        ]
+        rates = (Port(port.node, "e" if port.quantity == "p" else "f") for port in self.states)
+        self.rates = list(map(self.column, rates))
         for name in graph.nodes:
             self._add(name)
 

@@ -16,16 +16,7 @@ from typing import TYPE_CHECKING, Any
 from dynid.arithmetic.dependent import Real
 from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.controller_circuits import Circuit
-from dynid.bondgraph.graph import (
-    STORAGES,
-    TWO_PORTS,
-    Bond,
-    BondGraph,
-    Node,
-    NodeType,
-    Port,
-    Quantity,
-)
+from dynid.bondgraph.graph import STORAGES, TWO_PORTS, Bond, BondGraph, Node, NodeType, Port, Quantity
 from dynid.bondgraph.reduction.junctions import unique
 from dynid.errors import Singular
 
@@ -92,9 +83,8 @@ def _law_slopes(point: OperatingPoint) -> list[_LawSlopes]:
         try:
             (value, right), (_, left) = gradient(arguments), gradient(arguments, side=-1.0)
         except OutOfRangeError as error:
-            raise _no_slope(
-                row.node, f"cannot be linearised at the operating point ({where}): {error}"
-            ) from None
+            problem = f"cannot be linearised at the operating point ({where}): {error}"
+            raise _no_slope(row.node, problem) from None
         factor = z[row.factor] if row.factor >= 0 else arb(1)
         slopes: dict[int, Any] = {} if row.factor < 0 else {row.factor: value}
         for name, column, upper, lower in zip(law.variables, row.arguments, right, left, strict=True):
@@ -104,9 +94,8 @@ def _law_slopes(point: OperatingPoint) -> list[_LawSlopes]:
                 raise _no_slope(row.node, kink)
             slopes[column] = slopes.get(column, arb(0)) + factor * upper
         if not all(isfinite(float(number)) for number in (value * factor, *slopes.values())):
-            raise _no_slope(
-                row.node, f"has a slope beyond the range of numbers at the operating point ({where})"
-            )
+            problem = f"has a slope beyond the range of numbers at the operating point ({where})"
+            raise _no_slope(row.node, problem)
         rows.append(_LawSlopes(row, float(value * factor), slopes))
     return rows
 
@@ -134,9 +123,9 @@ class _LinearCircuit(Circuit):
         super().__init__(self._valued(slopes))
         places = {}
         for law_slope in slopes:
-            column_of_law = self._own(law_slope)
+            own, slopes_of_law = self._own(law_slope), law_slope.slopes.items()
             slope_of_others = {
-                c: slope for c, slope in law_slope.slopes.items() if c != column_of_law and float(slope)
+                column: slope for column, slope in slopes_of_law if column != own and float(slope)
             }
             if slope_of_others or law_slope.row.node in self.flat:
                 places[law_slope.row] = self._balance(law_slope.row), slope_of_others

@@ -78,9 +78,8 @@ class Factor:
         U, s, V = np.linalg.svd(self._matrix.toarray())
         rank = int((s > _SINGULAR_TOL * s[0]).sum()) if len(s) else 0
         self._svd = U[:, :rank], s[:rank], V
-        self.condition = (
-            float(s[0] / s[rank - 1]) if rank == self._matrix.shape[1] - len(self._fixed) else np.inf
-        )
+        full = rank == self._matrix.shape[1] - len(self._fixed)
+        self.condition = float(s[0] / s[rank - 1]) if full else np.inf
 
     @property
     def free(self) -> NDArray[np.float64]:

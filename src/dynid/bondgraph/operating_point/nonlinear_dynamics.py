@@ -44,9 +44,8 @@ class LawDynamics:
         self._rows, scale = equilibrated(matrix)
         self.y_scale, self.x_scale = scale[: self._count], scale[self._count :]
         scaled = (self._rows[:, None] * matrix.toarray()) * scale
-        static = np.array(
-            [max(row) < self._count for _, row, _ in equations.rows] + [False] * len(equations.laws)
-        )
+        of_rows = [max(row) < self._count for _, row, _ in equations.rows]
+        static = np.array(of_rows + [False] * len(equations.laws))
         driven = np.zeros((len(scaled), len(sources)))
         for k, (_, _, source) in enumerate(equations.rows):
             if source in sources:

@@ -58,9 +58,8 @@ def random_point(names: Iterable[str], prime: int) -> ModularPoint:
 
     source = random.Random(0x5EED)
     laplace = nmod(source.getrandbits(60), prime)
-    return ModularPoint(
-        prime, {name: nmod(source.getrandbits(60), prime) for name in names}, laplace, general=True
-    )
+    values = {name: nmod(source.getrandbits(60), prime) for name in names}
+    return ModularPoint(prime, values, laplace, general=True)
 
 
 def numeric_point(values: Mapping[str, Fraction], prime: int) -> ModularPoint:

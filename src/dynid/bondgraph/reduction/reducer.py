@@ -92,11 +92,8 @@ class JunctionElimination:
         net, program = self.net, self.program
         modulus = program.parameter(str(tie.two_port))
         square = program.mul(modulus, modulus)
-        total = (
-            program.inv(program.mul(square, total))
-            if tie.inverse
-            else program.mul(square, program.inv(total))
-        )
+        inverse = program.inv(program.mul(square, total)) if tie.inverse else program.inv(total)
+        total = inverse if tie.inverse else program.mul(square, inverse)
         seen = Immittance(str(tie.two_port), total)
         self.trace.reflected(leaf, into, seen)
         if leaf.sources:

@@ -154,9 +154,8 @@ def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None =
             smallest = list(vector), [name for name in graph.nodes if name in sources]
     if smallest is not None:
         raise no_solution(structure, *smallest)
-    return [
-        _Undetermined(vector, _not_determined(structure, vector)) for vector in elimination.null_vectors()
-    ]
+    vectors = elimination.null_vectors()
+    return [_Undetermined(vector, _not_determined(structure, vector)) for vector in vectors]
 
 
 def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[_Undetermined]:

@@ -171,9 +171,7 @@ def _add_properties(
         result.add(f"{group}/time_constant", time_constants(poles), ("mode",), "s")
 
 
-def natural_frequencies(
-    poles: NDArray[np.complex128],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def natural_frequencies(poles: NDArray[np.complex128]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return |s| and -Re s / |s| of the poles, a conjugate pair once; a pole at 0 has the damping ratio 0."""
     upper = poles[poles.imag >= 0]
     size = np.abs(upper)

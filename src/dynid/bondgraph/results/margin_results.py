@@ -151,15 +151,13 @@ def _with_hidden(loop_margins: Margins, hidden: Any) -> Margins:
     named = roots_text(repeated(roots), hertz=False)
     right = sum(root.multiplicity for root in roots if root.side > 0)
     if not right:
-        return replace(
-            loop_margins, stability=f"{loop_margins.stability}; cancelled in the loop: a mode at {named}"
-        )
+        verdict = f"{loop_margins.stability}; cancelled in the loop: a mode at {named}"
+        return replace(loop_margins, stability=verdict)
     verdict = (
         f"unstable: a mode in the right half-plane is cancelled in the loop, which does not move it: {named}"
     )
-    return replace(
-        loop_margins, stable=False, stability=verdict, unstable_poles=loop_margins.unstable_poles + right
-    )
+    unstable = loop_margins.unstable_poles + right
+    return replace(loop_margins, stable=False, stability=verdict, unstable_poles=unstable)
 
 
 def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float, work: Work) -> None:

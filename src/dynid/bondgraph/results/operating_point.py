@@ -94,11 +94,7 @@ def _variables(point: OperatingPoint) -> Iterator[Port]:
 def _add_slopes(result: Result, linear: Linearisation, units: GraphUnits) -> None:
     """Add the derivatives of what laws give by every variable."""
     equations = linear.point.equations
-    rows = [
-        (law_slope, column, slope)
-        for law_slope in linear.slopes
-        for column, slope in law_slope.slopes.items()
-    ]
+    rows = [(law, column, slope) for law in linear.slopes for column, slope in law.slopes.items()]
     if not rows:
         return
     outs = [equations.port(law_slope.row.out) for law_slope, _, _ in rows]

@@ -229,11 +229,8 @@ def _line(parts: Decomposition, side: OnePortEquivalent, name: str, outward: int
     registers = [immittance, drives.get(name, parts.program.zero)]
     ratios = parts.rational(registers)
     immittance_ratio, drive = (TransferFunction.over_field(ratios[register]) for register in registers)
-    common = (
-        immittance_ratio.denominator
-        * drive.denominator
-        // immittance_ratio.denominator.gcd(drive.denominator)
-    )
+    below = immittance_ratio.denominator
+    common = below * drive.denominator // below.gcd(drive.denominator)
     multiples = (
         immittance_ratio.numerator * (common // immittance_ratio.denominator),
         drive.numerator * (common // drive.denominator),
@@ -276,9 +273,8 @@ def _add_performance(result: Result, parts: Decomposition) -> None:
     result.add_axis(f"{group}/end", np.arange(1, 3))
     for axis, name in enumerate(("flow", "effort")):
         for side in ("source", "load"):
-            ends = [
-                [float(point[axis]) for point in getattr(line, side)] for line in characteristics.values()
-            ]
+            lines = [getattr(line, side) for line in characteristics.values()]
+            ends = [[float(point[axis]) for point in line] for line in lines]
             result.add(f"{group}/{side}_{name}", ends, ("input", "end"), units[name])
         operating = [float(line.operating[axis]) for line in characteristics.values()]
         result.add(f"{group}/operating_{name}", operating, ("input",), units[name])

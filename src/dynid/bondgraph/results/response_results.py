@@ -165,9 +165,8 @@ def add_time_response(
     result.annotate(_TIME, states=", ".join(system.states), order=len(system.states))
     notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []
     all_signals = [*signals, *stored]
-    impulsive = impulsive_outputs(
-        _driven(system, all_signals), [signal for _, signal in all_signals], float(times[-1])
-    )
+    shapes = [signal for _, signal in all_signals]
+    impulsive = impulsive_outputs(_driven(system, all_signals), shapes, float(times[-1]))
     names = [str(port) for port, has_impulse in zip(reduced.outputs, impulsive, strict=True) if has_impulse]
     if names:
         where = "where an input, or a derivative of one, jumps"
@@ -227,9 +226,8 @@ def add_zero_input(result: Result, reduced: ReducedGraph, initial: Mapping[str, 
     """
     for port, output in zero_input_outputs(reduced, initial).items():
         add_ratio(result, f"bond_graph/zero_input/{port}", output)
-    result.annotate(
-        "bond_graph/zero_input", initial=", ".join(f"{n} = {float(v):g}" for n, v in initial.items())
-    )
+    stored = ", ".join(f"{name} = {float(value):g}" for name, value in initial.items())
+    result.annotate("bond_graph/zero_input", initial=stored)
 
 
 def zero_input_outputs(

@@ -48,17 +48,15 @@ def graph_verdict(engine: ExactEngine | FloatEngine) -> Verdict:
     if set(channels) == set(parts.values()) and separate:
         verdicts = [verdict(_modes(engine, channel)) for channel in channels.values()]
     elif isinstance(engine, ExactEngine):
-        verdicts = [
-            verdict(certified_roots(polynomial)) for polynomial in separate_parts(reduced, engine.natural)
-        ]
+        polynomials = separate_parts(reduced, engine.natural)
+        verdicts = [verdict(certified_roots(polynomial)) for polynomial in polynomials]
     else:
         return Verdict("undecided", "parts of the graph overlap; use 'engine: exact'", math.nan)
     others = parts_without_output(reduced)
     if others is None:
         return combined([*verdicts, no_solution(reduced.free)])
-    return combined(
-        [*verdicts, *(verdict(certified_roots(polynomial)) for polynomial in others)] or [verdict([])]
-    )
+    verdicts += [verdict(certified_roots(polynomial)) for polynomial in others]
+    return combined(verdicts or [verdict([])])
 
 
 def closed_verdict(reduced: ReducedGraph, *, delayed: bool) -> Verdict:

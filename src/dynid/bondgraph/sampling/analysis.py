@@ -45,10 +45,8 @@ def columns(engine: SampledEngine, analysis: Analysis, paths: Collection[str]) -
                 add_channel(result, engine[number], channel, analysis.results)
         results.append(result)
     nothing = Variable((), np.asarray(np.nan))
-    kept = {path for result in results for path in result}
-    return by_path | {
-        path: [result.get(path, nothing) for result in results] for path in rest if path in kept
-    }
+    kept = [path for path in rest if any(path in result for result in results)]
+    return by_path | {path: [result.get(path, nothing) for result in results] for path in kept}
 
 
 def _quick(engine: SampledEngine, of: Channel, paths: Collection[str]) -> dict[str, ResultColumn]:
@@ -72,9 +70,8 @@ def _quick(engine: SampledEngine, of: Channel, paths: Collection[str]) -> dict[s
         by_path[f"{group}/{what}"] = [booleans[bool(truth)] for truth in left]
     if not channel.hidden.values.shape[1]:
         by_path[f"{group}/hidden_mode"] = [_axis("hidden_mode", 0)] * count
-        by_path[f"{group}/hidden_modes"] = [
-            Variable(("hidden_mode",), np.empty(0, dtype=complex), "rad/s")
-        ] * count
+        nothing = Variable(("hidden_mode",), np.empty(0, dtype=complex), "rad/s")
+        by_path[f"{group}/hidden_modes"] = [nothing] * count
     if any(f"{group}/{name}" in paths for name in ("natural_frequency", "damping_ratio", "time_constant")):
         modes = [natural_frequencies(row) for row in channel.poles.values]
         decays = [time_constants(row) for row in channel.poles.values]

@@ -257,9 +257,8 @@ def _add_realisation(result: Result, realisation: Realisation, scene: str) -> No
     elements = [node for node in nodes if node.type in VALUED]
     result.add_axis(f"{group}/element", [node.name for node in elements])
     result.add(f"{group}/type", [node.type for node in elements], ("element",))
-    result.add(
-        f"{group}/value", [float(realisation.graph.value(node.name)) for node in elements], ("element",)
-    )
+    values = [float(realisation.graph.value(node.name)) for node in elements]
+    result.add(f"{group}/value", values, ("element",))
     result.add(f"{group}/exact", [str(node.value) for node in elements], ("element",))
     result.add_axis(f"{group}/node", [node.name for node in nodes])
     result.add(f"{group}/node_type", [node.type for node in nodes], ("node",))
