@@ -217,6 +217,12 @@ class Result(Mapping[str, Variable]):
         for name, data in axes.items():
             self.add_axis(f"{group}/{name}", data, units)
 
+    def add_numbered(self, path: str, data: ArrayLike, units: str = "", **attrs: Scalar) -> None:
+        """Store values along an axis that counts them from 1, by its path: `g/zero` for `g/zeros`."""
+        values = np.asarray(data)
+        self.add_axis(path, np.arange(1, len(values) + 1))
+        self.add(f"{path}s", values, (path.rsplit("/", 1)[-1],), units, **attrs)
+
     def annotate(self, group: str, **attrs: Scalar) -> None:
         """Set attributes of a group (the root result's own are in `attrs`)."""
         self.group_attrs.setdefault(group, {}).update(attrs)

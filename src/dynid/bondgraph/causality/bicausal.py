@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from dynid.bondgraph.causality.report import Causality
 from dynid.bondgraph.causality.scap import describe, run_scap
@@ -25,8 +25,7 @@ End = Literal["tail", "head"]
 _MAX_LINES, _MAX_SEARCH_STEPS = 32, 20_000
 
 
-@dataclass(frozen=True)
-class _BicausalBond:
+class BicausalBond(NamedTuple):
     """A bond and the ends that its effort and its flow are imposed towards: the same end where bicausal."""
 
     tail: str
@@ -40,7 +39,7 @@ class _BicausalBond:
 class ZeroCausality:
     """The causality of a channel's zero dynamics."""
 
-    bonds: tuple[_BicausalBond, ...]  # every bond of the graph with the output's detector put in
+    bonds: tuple[BicausalBond, ...]  # every bond of the graph with the output's detector put in
     line: tuple[str, ...]  # the nodes of the bicausal line of power, from the input to the output
     inside: Causality  # the causality of what lies beside the line
     derivative: tuple[str, ...]  # storages that lose their own state, by being on the line or through it
@@ -149,9 +148,9 @@ def _along(
     if assigned.conflicts:
         return None
     inside = describe(assigned)
-    table: dict[int, _BicausalBond] = {}
+    table: dict[int, BicausalBond] = {}
     for bond, settled in zip(off_line, inside.bonds, strict=True):
-        table[bond] = _BicausalBond(
+        table[bond] = BicausalBond(
             settled.tail,
             settled.head,
             settled.stroke,
@@ -161,7 +160,7 @@ def _along(
     for node, bond in zip(nodes, line, strict=False):
         tail, head = bonds[bond]
         onward: End = "head" if tail == node else "tail"
-        table[bond] = _BicausalBond(tail, head, onward, onward, "bicausal")
+        table[bond] = BicausalBond(tail, head, onward, onward, "bicausal")
     return ZeroCausality(
         bonds=tuple(table[bond] for bond in range(len(bonds))),
         line=tuple(reversed(nodes)),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from dynid.bondgraph.causality.strokes import Contradiction, StrokeReason, Strokes
 from dynid.bondgraph.graph import JUNCTIONS, SOURCES, STORAGES, TWO_PORTS
@@ -17,8 +17,7 @@ from dynid.bondgraph.graph import JUNCTIONS, SOURCES, STORAGES, TWO_PORTS
 # --- tables ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class CausalBond:
+class CausalBond(NamedTuple):
     """A bond with its stroke."""
 
     #: tail, head: As in the graph.
@@ -30,8 +29,7 @@ class CausalBond:
     set_by: StrokeReason
 
 
-@dataclass(frozen=True)
-class CausalElement:
+class CausalElement(NamedTuple):
     """A one-port: 'integral' or 'derivative' storage, 'resistive' or 'conductive' R, 'fixed' source."""
 
     name: str
@@ -40,8 +38,7 @@ class CausalElement:
     set_by: StrokeReason
 
 
-@dataclass(frozen=True)
-class CausalState:
+class CausalState(NamedTuple):
     """The state of a storage that integrates: the momentum p of an I, the displacement q of a C."""
 
     name: str
@@ -49,8 +46,7 @@ class CausalState:
     quantity: Literal["momentum", "displacement"]
 
 
-@dataclass(frozen=True)
-class _CausalityRemark:
+class _CausalityRemark(NamedTuple):
     """A finding about some nodes, in words."""
 
     nodes: tuple[str, ...]  # the nodes concerned, the most important first

@@ -6,16 +6,22 @@ graph by bicausality, and as exact state equations.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from dynid.bondgraph.causality.bicausal import ZeroCausality, zero_causality
-from dynid.bondgraph.causality.report import Causality, join_nodes, join_with_types
+from dynid.bondgraph.causality.bicausal import BicausalBond, ZeroCausality, zero_causality
+from dynid.bondgraph.causality.report import (
+    CausalBond,
+    CausalElement,
+    Causality,
+    CausalState,
+    join_nodes,
+    join_with_types,
+)
 from dynid.bondgraph.causality.scap import assign_causality
 from dynid.bondgraph.graph import VALUED, BondGraph, Port
 from dynid.bondgraph.graph_state_space import ZeroPart, natural_order, zero_dynamics, zero_parts
 from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.bondgraph.results.prototype_results import table
 from dynid.bondgraph.state_equations import zero_dynamics_equations
 from dynid.errors import NumericalError, Singular
 from dynid.result import Result
@@ -32,12 +38,9 @@ def add_causality(result: Result, graph: BondGraph) -> Causality:
     with the graph's values (absent where these have no unique solution).
     """
     causality = assign_causality(graph)
-    bonds = [(b.tail, b.head, b.stroke, b.set_by) for b in causality.bonds]
-    elements = [(e.name, e.type, e.causality, e.set_by) for e in causality.elements]
-    states = [(s.name, s.element, s.quantity) for s in causality.states]
-    _table(result, "bond", bonds, ("tail", "head", "stroke", "set_by"))
-    _table(result, "element", elements, ("name", "type", "causality", "set_by"))
-    _table(result, "state", states, ("name", "element", "quantity"))
+    result.add_numbered(f"{_GROUP}/bond", table(causality.bonds, CausalBond._fields))
+    result.add_numbered(f"{_GROUP}/element", table(causality.elements, CausalElement._fields))
+    result.add_numbered(f"{_GROUP}/state", table(causality.states, CausalState._fields))
     for axis, remarks in (
         ("dependent_storage", causality.dependent),
         ("loop", causality.loops),
@@ -45,18 +48,12 @@ def add_causality(result: Result, graph: BondGraph) -> Causality:
     ):
         rows = [(", ".join(remark.nodes), remark.meaning, remark.equations) for remark in remarks]
         dtype = [("nodes", object), ("meaning", object), ("equations", np.int64)]
-        result.add_axis(f"{_GROUP}/{axis}", np.arange(1, len(rows) + 1))
-        result.add(f"{_GROUP}/{axis}s", np.array(rows, dtype=dtype), (axis,))
+        result.add_numbered(f"{_GROUP}/{axis}", np.array(rows, dtype=dtype))
     result.add(f"{_GROUP}/order", causality.order)
     note = _compare_order(result, graph, causality)
     if note:
         result.annotate(_GROUP, note=note)
     return causality
-
-
-def _table(result: Result, axis: str, rows: Sequence[tuple[str, ...]], names: tuple[str, ...]) -> None:
-    result.add_axis(f"{_GROUP}/{axis}", np.arange(1, len(rows) + 1))
-    result.add(f"{_GROUP}/{axis}s", np.array(rows, dtype=[(name, object) for name in names]), (axis,))
 
 
 def _compare_order(result: Result, graph: BondGraph, causality: Causality) -> str:
@@ -106,11 +103,7 @@ def add_zero_dynamics(result: Result, reduced: ReducedGraph, causality: Causalit
             group = f"bond_graph/causality/zero_dynamics/{port}/{source}"
             structural = None  # the number of zeros that the structure of the bicausal graph allows
             if bicausality is not None:
-                names = ("tail", "head", "effort", "flow", "set_by")
-                rows = [(b.tail, b.head, b.effort, b.flow, b.set_by) for b in bicausality.bonds]
-                result.add_axis(f"{group}/bond", np.arange(1, len(rows) + 1))
-                table = np.array(rows, dtype=[(name, object) for name in names])
-                result.add(f"{group}/bonds", table, ("bond",))
+                result.add_numbered(f"{group}/bond", table(bicausality.bonds, BicausalBond._fields))
                 result.add_axis(f"{group}/line", list(bicausality.line))
                 inside = [state.name for state in bicausality.inside.states if state.element in modelled]
                 derivative = [name for name in bicausality.derivative if name in modelled]
@@ -146,9 +139,7 @@ def _add_equations(
         )
         for zero_part in parts
     ]
-    dtype = [(name, object) for name in ("elements", "states", "polynomial")]
-    result.add_axis(f"{group}/part", np.arange(1, len(rows) + 1))
-    result.add(f"{group}/parts", np.array(rows, dtype=dtype), ("part",))
+    result.add_numbered(f"{group}/part", table(rows, ("elements", "states", "polynomial")))
     if not 0 < count <= _MAX_WRITTEN_STATES:
         return count
     try:  # x' = A x of the zero dynamics and u = C x that holds the output, as far as doubles reach
@@ -164,8 +155,7 @@ def _add_equations(
     result.add(f"{group}/equations", np.array(written.states, dtype=object), ("rate_of",))
     result.add(f"{group}/input_equation", written.outputs[0])
     if written.definitions:
-        result.add_axis(f"{group}/definition", np.arange(1, len(written.definitions) + 1))
-        result.add(f"{group}/definitions", np.array(written.definitions, dtype=object), ("definition",))
+        result.add_numbered(f"{group}/definition", written.definitions)
     return count
 
 

@@ -135,9 +135,7 @@ def add_channel(result: Result, engine: _ChannelEngine, channel: Channel, asked:
     transfer, group = engine.channel(channel), _group(channel)
     if "transfer_function" in asked:
         if isinstance(transfer, TransferFunction):
-            for name, coefficients in zip(("numerator", "denominator"), transfer.coefficients(), strict=True):
-                result.add_axis(f"{group}/{name}_power", np.arange(len(coefficients))[::-1])
-                result.add(f"{group}/{name}", coefficients, (f"{name}_power",))
+            add_coefficients(result, group, transfer)
         else:
             result.add(f"{group}/gain", transfer.gain)
     for name in ("zeros", "poles"):
@@ -191,20 +189,24 @@ def _add_hidden_modes(result: Result, engine: _ChannelEngine, channel: Channel, 
     if not result.wants(f"{group}/hidden_modes"):
         return
     if not (explained and isinstance(engine, ExactEngine)):
-        _add_modes(result, group, each(engine.hidden_modes(channel), "value", np.complex128))
+        values = each(engine.hidden_modes(channel), "value", np.complex128)
+        result.add_numbered(f"{group}/hidden_mode", values, "rad/s")
         return
     from dynid.bondgraph.hidden_modes import hidden_modes
 
     hidden = hidden_modes(engine.reduced, channel, engine.hidden_polynomial(channel))
     modes = [mode for mode in hidden for _ in range(mode.root.multiplicity)]
-    _add_modes(result, group, np.array([mode.root.value for mode in modes], dtype=complex))
+    values = np.array([mode.root.value for mode in modes], dtype=complex)
+    result.add_numbered(f"{group}/hidden_mode", values, "rad/s")
     result.add(f"{group}/hidden_mode_cause", [mode.cause for mode in modes], ("hidden_mode",))
     result.add(f"{group}/hidden_mode_elements", [mode.elements for mode in modes], ("hidden_mode",))
 
 
-def _add_modes(result: Result, group: str, values: NDArray[Any]) -> None:
-    result.add_axis(f"{group}/hidden_mode", np.arange(1, len(values) + 1))
-    result.add(f"{group}/hidden_modes", values, ("hidden_mode",), "rad/s")
+def add_coefficients(result: Result, group: str, transfer: TransferFunction) -> None:
+    """Add numerator and denominator in descending powers, denominator monic."""
+    for name, coefficients in zip(("numerator", "denominator"), transfer.coefficients(), strict=True):
+        result.add_axis(f"{group}/{name}_power", np.arange(len(coefficients))[::-1])
+        result.add(f"{group}/{name}", coefficients, (f"{name}_power",))
 
 
 def note_measuring_integrals(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
@@ -262,9 +264,7 @@ def add_roots(
     whether their errors are estimates, of roots that have residuals, too.
     """
     axis = name[:-1]
-    values = each(roots, "value", np.complex128)
-    result.add_axis(f"{group}/{axis}", np.arange(1, len(values) + 1))
-    result.add(f"{group}/{name}", values, (axis,), "rad/s")
+    result.add_numbered(f"{group}/{axis}", each(roots, "value", np.complex128), "rad/s")
     error = f"{group}/{axis}_error_{'estimate' if estimated else 'bound'}"
     if result.wants(error):
         result.add(error, each(roots, "radius", np.float64), (axis,), "rad/s")

@@ -173,13 +173,13 @@ def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float, work: W
     right = sum(root.value.real > 0 for root in roots)
     if unstable > right:
         others = f"{int(unstable)} lie in the right half-plane, of which these are {right}"
-    result.add_axis(f"{MARGINS}/pole", np.arange(1, len(roots) + 1))
     note = (
         f"all poles of the closed loops with a real part above {line:.6g} rad/s, with their delays"
         if np.isfinite(line)
         else f"poles of the closed loops with their delays; {others}"
     )
-    result.add(f"{MARGINS}/poles", np.array([r.value for r in roots], complex), ("pole",), "rad/s", note=note)
+    values = np.array([root.value for root in roots], complex)
+    result.add_numbered(f"{MARGINS}/pole", values, "rad/s", note=note)
     result.add(f"{MARGINS}/poles_error_bound", np.array([r.radius for r in roots]), ("pole",), "rad/s")
 
 
@@ -244,8 +244,7 @@ def _add_locus(
     result.add_axis(f"{group}/gain", gains)
     result.add_axis(f"{group}/branch", np.arange(1, degree + 1))
     result.add(f"{group}/poles", poles, ("gain", "branch"), "rad/s", **marked)
-    result.add_axis(f"{group}/zero", np.arange(1, len(zeros) + 1))
-    result.add(f"{group}/zeros", np.array(zeros, dtype=complex), ("zero",), "rad/s", **marked)
+    result.add_numbered(f"{group}/zero", np.array(zeros, dtype=complex), "rad/s", **marked)
 
 
 def _gains(top: Any, bottom: Any, work: Work) -> NDArray[np.float64]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.arithmetic.field_polynomials import primitive, settled_coefficients
 from dynid.bondgraph.analysis_request import Analysis, Engine, modelled_storages
@@ -16,7 +17,7 @@ from dynid.bondgraph.formulas.expressions import length, print_register, print_s
 from dynid.bondgraph.reduced_graph import GraphProgram, ReducedGraph
 from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.reduction.reducer import Reduction
-from dynid.bondgraph.results.channels import add_roots, roots_of
+from dynid.bondgraph.results.channels import add_coefficients, add_roots, roots_of
 from dynid.lti.positive_real import fraction, nearest_double
 from dynid.result import Result
 
@@ -48,10 +49,12 @@ def add_traces(
         written = zip(*(equations(planned, reduction, hand) for hand in (TEXT, LATEX)), strict=True)
         for step, (text, latex) in zip(reduction.steps, written, strict=True):
             rows.append((step.rule, ", ".join(step.nodes), text, step.meaning, name, latex))
-    names = ("rule", "nodes", "equation", "meaning", of, "latex")
-    table = np.array(rows, dtype=[(name, object) for name in names])
-    result.add_axis(f"{group}/step", np.arange(1, len(rows) + 1))
-    result.add(f"{group}/steps", table, ("step",))
+    result.add_numbered(f"{group}/step", table(rows, ("rule", "nodes", "equation", "meaning", of, "latex")))
+
+
+def table(rows: Sequence[tuple[Any, ...]], names: Sequence[str]) -> NDArray[np.void]:
+    """Return rows of texts as an array with a name for every column."""
+    return np.array([tuple(row) for row in rows], dtype=[(name, object) for name in names])
 
 
 def _add_prototypes(result: Result, reduced: ReducedGraph) -> None:
@@ -174,9 +177,7 @@ def _add_response(result: Result, group: str, response: TransferFunction | None)
 
 def add_ratio(result: Result, group: str, ratio: TransferFunction, formula: str | None = None) -> None:
     """Add a rational function: coefficients in descending powers, denominator monic, and exact as a text."""
-    for name, coefficients in zip(("numerator", "denominator"), ratio.coefficients(), strict=True):
-        result.add_axis(f"{group}/{name}_power", np.arange(len(coefficients))[::-1])
-        result.add(f"{group}/{name}", coefficients, (f"{name}_power",))
+    add_coefficients(result, group, ratio)
     printed: list[Printed] = []
     for polynomial in (ratio.numerator, ratio.denominator):
         text = polynomial_text(polynomial)

@@ -65,8 +65,7 @@ def add_state_space(result: Result, reduced: ReducedGraph) -> None:
     result.add(f"{group}/equations", np.array(written.states, dtype=object), ("rate_of",))
     result.add(f"{group}/output_equations", np.array(written.outputs, dtype=object), ("output",))
     if written.definitions:
-        result.add_axis(f"{group}/definition", np.arange(1, len(written.definitions) + 1))
-        result.add(f"{group}/definitions", np.array(written.definitions, dtype=object), ("definition",))
+        result.add_numbered(f"{group}/definition", written.definitions)
     if any("(d" in equation for equation in written.states):
         result.annotate(group, note=_SHIFTED)
 

@@ -287,9 +287,7 @@ def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis)
         for name, roots_of, rates in zip(
             ("zero", "pole"), roots, (rates_of.zeros, rates_of.poles), strict=True
         ):
-            values = repeated(roots_of)
-            result.add_axis(f"{group}/{name}", np.arange(1, len(values) + 1))
-            result.add(f"{group}/{name}s", values, (name,), "rad/s")
+            result.add_numbered(f"{group}/{name}", repeated(roots_of), "rad/s")
             _add_rates(result, f"{group}/{name}_sensitivity", rates, sizes, (name, "parameter"), "rad/s")
         for gain, slopes in (
             ("dc_gain", rates_of.dc_gain),

@@ -17,6 +17,7 @@ import numpy as np
 from dynid.bondgraph.exact_engine import ExactEngine, TransferFunction
 from dynid.bondgraph.graph import UNITS, VALUED, BondGraph, Port, unit_quotient
 from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.bondgraph.results.channels import add_coefficients
 from dynid.bondgraph.synthesis.one_port import SOURCE, bond_graph, with_values
 from dynid.bondgraph.synthesis.realisations import (
     NoSuchForm,
@@ -235,11 +236,9 @@ def add_synthesis(
     transfer = TransferFunction(*integer_quotient(request.numerator, request.denominator))
     degree = max(request.numerator.degree(), request.denominator.degree())
     result.annotate("synthesis", function=what, unit=unit, domain=domain, kind=kind, degree=int(degree))
-    _add_coefficients(result, "synthesis", transfer)
+    add_coefficients(result, "synthesis", transfer)
     for axis, roots in (("zero", transfer.zeros), ("pole", transfer.poles)):
-        values = repeated(roots)
-        result.add_axis(f"synthesis/{axis}", np.arange(1, len(values) + 1))
-        result.add(f"synthesis/{axis}s", values, (axis,), "rad/s")
+        result.add_numbered(f"synthesis/{axis}", repeated(roots), "rad/s")
     result.add("synthesis/positive_real", True)
     result.add_axis("synthesis/form", np.array([realisation.form for realisation in realised], dtype=object))
     result.add("synthesis/residual", [realisation.residual for realisation in realised], ("form",))
@@ -263,17 +262,11 @@ def _add_realisation(result: Result, realisation: Realisation, scene: str) -> No
     result.add_axis(f"{group}/node", [node.name for node in nodes])
     result.add(f"{group}/node_type", [node.type for node in nodes], ("node",))
     result.add_axis(f"{group}/bond", [str(bond) for bond in realisation.graph.bonds])
-    _add_coefficients(
+    add_coefficients(
         result, group, TransferFunction(*integer_quotient(realisation.numerator, realisation.denominator))
     )
     result.add(f"{group}/residual", realisation.residual)
     result.add(f"{group}/scene", scene)
-
-
-def _add_coefficients(result: Result, group: str, transfer: TransferFunction) -> None:
-    for name, coefficients in zip(("numerator", "denominator"), transfer.coefficients(), strict=True):
-        result.add_axis(f"{group}/{name}_power", np.arange(len(coefficients))[::-1])
-        result.add(f"{group}/{name}", coefficients, (f"{name}_power",))
 
 
 def integer_quotient(numerator: Any, denominator: Any) -> tuple[Any, Any]:
