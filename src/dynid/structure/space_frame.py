@@ -1,29 +1,31 @@
-"""Frames in three dimensions of straight members: Euler–Bernoulli beams with torsion, consistent mass.
+"""Straight members and frames in three dimensions: Euler–Bernoulli beams with torsion, consistent mass.
 
-Source: J. S. Przemieniecki, "Theory of Matrix Structural Analysis", 1968, sections 5.6 and 11.4,
-without shear and rotary inertia of bending.
+Sources: J. S. Archer, "Consistent mass matrix for distributed mass systems", 1963; J. S. Przemieniecki,
+"Theory of Matrix Structural Analysis", 1968, sections 5.6 and 11.4, without shear and rotary inertia of
+bending.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real, sqrt
-from dynid.arrays import guarded
+from dynid.arrays import Array, guarded
 from dynid.errors import UsageError
 from dynid.parameters import Parameter
 from dynid.structure.assembly import Assembly, Spring, Support, check_nodes, not_negative
 from dynid.structure.damping import ModalDamping, ProportionalDamping
-from dynid.structure.frame import bending, stretching
 from dynid.structure.joints import Joint
 from dynid.structure.labels import DIRECTIONS, Nodes
-from dynid.structure.matrices import DependentMatrix, as_array
+from dynid.structure.matrices import DependentMatrix, as_array, pattern_sum
 from dynid.structure.model import StructuralModel
 
 Vector: TypeAlias = tuple[Real, Real, Real]
@@ -31,6 +33,67 @@ Vector: TypeAlias = tuple[Real, Real, Real]
 _RELEASED_STIFFNESS_TOL = 1e-12
 # A member nearer to the z axis than this angle is vertical.
 _VERTICAL = 1e-6
+
+
+def bending(
+    EI: Real, rhoA: Real, length: Real, released: Sequence[int] = ()
+) -> tuple[DependentMatrix, DependentMatrix]:
+    """Return stiffness and consistent mass (4 x 4) of a beam element, DOFs [w1, theta1, w2, theta2].
+
+    Rotations are the slopes ``dw/dx``. Released DOFs carry no force: they are condensed statically (Guyan),
+    which leaves zeros in their place.
+
+    `EI`, `rhoA`, `length`: bending stiffness, N·m2, mass per length, kg/m, and length, m; `released`: the
+    places, 0 … 3, of the released DOFs. Raises UsageError if a released DOF moves without any stiffness.
+    """
+    k, m = (
+        pattern_sum((1.0, P0), (length, P1), (length**2, P2))
+        for P0, P1, P2 in _patterns("bending", tuple(sorted(released)))
+    )
+    return k.times(EI / length**3), m.times(rhoA * length / 420)
+
+
+def stretching(
+    EA: Real, rhoA: Real, length: Real, released: Sequence[int] = ()
+) -> tuple[DependentMatrix, DependentMatrix]:
+    """Return stiffness and consistent mass (2 x 2) of a bar element, DOFs [u1, u2]; of a shaft alike.
+
+    `EA`, `rhoA`, `length`: axial stiffness, N, mass per length, kg/m, and length, m; of a shaft GJ and polar
+    inertia per length; `released`: the released DOFs as in `bending`, 0 or 1. Raises UsageError if both are
+    released.
+    """
+    (k, *_), (m, *_) = _patterns("stretching", tuple(sorted(released)))
+    return DependentMatrix(k).times(EA / length), DependentMatrix(m).times(rhoA * length / 6)
+
+
+# The upper triangles, by rows, of L^3/EI times the stiffness and 420/(rhoA L) times the mass, to be
+# multiplied by L once for each rotation among an entry's two DOFs; of a bar L/EA and 6/(rhoA L) times.
+_TRIANGLES: dict[str, tuple[list[int], list[int]]] = {
+    "bending": ([12, 6, -12, 6, 4, -6, 2, 12, -6, 4], [156, 22, 54, -13, 4, 13, -3, 156, -22, 4]),
+    "stretching": ([1, -1, 1], [2, 1, 2]),
+}
+
+
+@cache
+def _patterns(element: str, released: tuple[int, ...]) -> list[list[Array]]:
+    """Return the parts of stiffness and mass of `_TRIANGLES`, each by the power of the length."""
+    rotations = {"bending": [0, 1, 0, 1], "stretching": [0, 0]}[element]
+    n, exact = len(rotations), []
+    for triangle in _TRIANGLES[element]:
+        full = np.full((n, n), Fraction(0))
+        full[np.triu_indices(n)] = [Fraction(entry) for entry in triangle]
+        exact.append(np.triu(full) + np.triu(full, 1).T)
+    for dof in released:
+        if not exact[0][dof, dof]:
+            raise UsageError("releases leave a member loose", remedy="Release fewer directions at its ends.")
+        follows = np.diag([Fraction(at != dof) for at in range(n)])
+        follows[dof] -= exact[0][dof] / exact[0][dof, dof]
+        follows[dof, dof] = Fraction(0)
+        exact = [follows.T @ pattern @ follows for pattern in exact]
+    powers = np.add.outer(rotations, rotations)
+    return [
+        [np.where(powers == power, pattern.astype(float), 0.0) for power in range(3)] for pattern in exact
+    ]
 
 
 @dataclass(frozen=True)
@@ -73,6 +136,11 @@ class SpaceMember:
     releases: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     elements: int = 1
 
+    @property
+    def polar_inertia(self) -> Real:
+        """Its polar mass moment of inertia per length, kg·m."""
+        return self.rhoA * (self.EIy + self.EIz) / self.EA if self.rhoJ is None else self.rhoJ
+
 
 @dataclass(frozen=True)
 class RigidMass:
@@ -84,8 +152,8 @@ class RigidMass:
     offset: Vector = (0.0, 0.0, 0.0)
 
 
-class _SpaceElement(NamedTuple):
-    """An element: its nodes, stiffness and mass (12 x 12), and those of its rotations without releases."""
+class Element(NamedTuple):
+    """An element: nodes, stiffness and mass by their DOFs, and those of its rotations without releases."""
 
     nodes: tuple[int, int]
     k: DependentMatrix
@@ -134,10 +202,11 @@ def space_frame(
         If a number, a node or a direction makes no sense, a node belongs to no member, or rotates freely.
     """
     points: list[Vector] = list(nodes)
-    pieces: list[_SpaceElement] = []
+    pieces: list[Element] = []
     for number, member in enumerate(members):
         try:
-            pieces += _pieces(member, len(nodes), points)
+            _check(member, len(nodes))
+            pieces += divided(member, points)
         except UsageError as error:
             names = (f"members.{number}",)
             raise UsageError(
@@ -173,19 +242,23 @@ def space_frame(
     return assembly.model(damping, joints, parameters, numbered)
 
 
-def _pieces(member: SpaceMember, member_number: int, points: list[Vector]) -> Iterable[_SpaceElement]:
-    """Yield a member's elements, appending their inner nodes to `points`."""
+def _check(member: SpaceMember, node_count: int) -> None:
     for node in member.nodes:
-        if not 1 <= node <= member_number:
-            raise UsageError(f"there is no node {node}", remedy=f"Nodes are 1 to {member_number}.")
+        if not 1 <= node <= node_count:
+            raise UsageError(f"there is no node {node}", remedy=f"Nodes are 1 to {node_count}.")
     for name in ("EA", "EIy", "EIz", "GJ"):
         if not 0 < float(getattr(member, name)) < math.inf:
             raise UsageError(f"{name} must be positive and finite")
-    rhoJ = member.rhoA * (member.EIy + member.EIz) / member.EA if member.rhoJ is None else member.rhoJ
     not_negative("rhoA", member.rhoA)
-    not_negative("rhoJ", rhoJ)
+    not_negative("rhoJ", member.polar_inertia)
     if member.elements < 1 or not set(DIRECTIONS).issuperset(member.releases[0] + member.releases[1]):
         raise UsageError(f"it needs at least one element, and releases along {', '.join(DIRECTIONS)}")
+
+
+def divided(
+    member: SpaceMember, points: list[Vector], directions: Sequence[str] = DIRECTIONS
+) -> Iterator[Element]:
+    """Yield a member's elements by DOFs along `directions`, appending their inner nodes to `points`."""
     start, end = (_sum(points[n - 1], by) for n, by in zip(member.nodes, member.offsets, strict=True))
     axes, length = _axes(_sum(end, _over(start, -1.0)), member.orientation)
     count = member.elements
@@ -198,14 +271,14 @@ def _pieces(member: SpaceMember, member_number: int, points: list[Vector]) -> It
     step = length / count
     rotational = (
         4 * float(member.EIy + member.EIz + member.GJ) / float(step),
-        float(member.rhoA * step**3 + rhoJ * step),
+        float(member.rhoA * step**3 + member.polar_inertia * step),
     )
     blocks: dict[tuple[bool, bool], tuple[DependentMatrix, DependentMatrix]] = {}
     for at, pair in enumerate(pairwise(chain)):
         ends = (at == 0, at == count - 1)
         if ends not in blocks:
-            blocks[ends] = _element(member, rhoJ, step, axes, ends)
-        yield _SpaceElement(pair, *blocks[ends], rotational)
+            blocks[ends] = _element(member, step, axes, ends, directions)
+        yield Element(pair, *blocks[ends], rotational)
 
 
 # The DOFs of an element that stretch, twist, and bend it in its x-y and x-z planes: selected from the twelve,
@@ -219,14 +292,20 @@ _GROUPS = {
 
 
 def _element(
-    member: SpaceMember, rhoJ: Real, length: Real, axes: DependentMatrix, ends: tuple[bool, bool]
+    member: SpaceMember,
+    length: Real,
+    axes: DependentMatrix,
+    ends: tuple[bool, bool],
+    global_directions: Sequence[str],
 ) -> tuple[DependentMatrix, DependentMatrix]:
-    """Return stiffness and mass (12 x 12) of an element by its nodes' basic directions.
+    """Return stiffness and mass of an element by its nodes' directions (2 d x 2 d).
 
     `axes`: the member's as rows (3 x 3); `ends`: whether its first and last ends are those of the member.
     """
     k, m = _nothing(12), _nothing(12)
     for name, (directions, selected) in _GROUPS.items():
+        if not set(global_directions).issuperset(directions):
+            continue  # of a plane frame
         released = [
             len(directions) * end + index
             for end in (0, 1)
@@ -237,12 +316,14 @@ def _element(
         if name == "along":
             parts = stretching(member.EA, member.rhoA, length, released)
         elif name == "twist":
-            parts = stretching(member.GJ, rhoJ, length, released)
+            parts = stretching(member.GJ, member.polar_inertia, length, released)
         else:
             parts = bending(member.EIz if name == "in xy" else member.EIy, member.rhoA, length, released)
         T = DependentMatrix(selected)
         k, m = k + parts[0].congruent(T), m + parts[1].congruent(T)
     T = _blocks(axes, [(at, at) for at in range(4)], 12)
+    kept = [k for k in range(12) if DIRECTIONS[k % 6] in global_directions]
+    T = DependentMatrix(T.constant[:, kept], tuple((c, pattern[:, kept]) for c, pattern in T.terms))
     k, m = k.congruent(T), m.congruent(T)
     for end in (0, 1):
         if ends[end] and any(member.offsets[end]):
@@ -281,6 +362,8 @@ def _axes(along: Vector, orientation: Vector | None) -> tuple[DependentMatrix, R
     if not 0 < float(length) < math.inf:
         raise UsageError("it has no length", remedy="Its ends, offsets included, must differ.")
     x = _over(along, length)
+    if orientation is None and not isinstance(along[2], Dependent) and along[2] == 0:
+        return _matrix([(x[0], x[1], 0.0), (-x[1], x[0], 0.0), (0.0, 0.0, 1.0)]).merged(), length
     if orientation is None:
         vertical = math.hypot(float(x[0]), float(x[1])) < _VERTICAL
         orientation = (0.0, 1.0, 0.0) if vertical else _cross((0.0, 0.0, 1.0), x)
@@ -327,7 +410,7 @@ def _nothing(n: int) -> DependentMatrix:
 
 
 def _uncarried(
-    pieces: Sequence[_SpaceElement],
+    pieces: Sequence[Element],
     blocks: Sequence[_Block],
     fixed: set[tuple[int, str]],
     count: int,
