@@ -258,13 +258,6 @@ def sqrt(value: Real) -> Any:
     return compute("sqrt", (value,)) if isinstance(value, Dependent) else math.sqrt(value)
 
 
-def hypot(x: Real, y: Real) -> Any:
-    """Return the length of the vector (x, y)."""
-    if isinstance(x, Dependent) or isinstance(y, Dependent):
-        return sqrt(x**2 + y**2)
-    return math.hypot(x, y)
-
-
 def _ordered(number: Dependent, done: Container[int]) -> list[Dependent]:
     """Return the dependent numbers that one is computed from, operands before results, itself last.
 

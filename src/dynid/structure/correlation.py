@@ -11,11 +11,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arithmetic.dependent import evaluated
 from dynid.arrays import Array
-from dynid.structure.joints import JointTerm
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Matrix, as_array
+from dynid.structure.matrices import Matrix
 from dynid.structure.model import StructuralModel
 
 # Frequencies closer than this, relative, are one multiple frequency to double precision.
@@ -109,25 +107,18 @@ def energy_shares(
     model: StructuralModel,
     shapes: Array,
     omega: Array,
-    *,
-    values: Mapping[str, float] | None = None,
     parts: Mapping[str, Sequence[Label]] | None = None,
 ) -> tuple[list[str], Array]:
-    """Return the shares of substructures and joints in the potential energy of each mode.
+    """Return names of substructures and joints, and their shares in modes' potential energy (r x parts).
 
-    The energy of the DOFs i of a substructure is ``sum x_i (K x)_i``, so that all of them add up.
+    The energy of the DOFs i of a substructure is ``sum x_i (K x)_i``, so that all of them add up. Joints come
+    after the substructures; shares are zero in a rigid-body mode.
 
     `shapes`, `omega`: shapes at all DOFs (n x r), normed to unit modal mass, and their frequencies (r),
-    rad/s; `values`: unknown joint parameters by name; `parts`: substructures: name and DOFs; default: all is
-    the one ``structure``. The remaining DOFs are ``rest``.
-
-    Returns
-    -------
-    list of str, Array
-        Names of the parts, the joints after the substructures, and the shares (r x parts), which are zero
-        in a rigid-body mode.
+    rad/s; `parts`: substructures: name and DOFs; default: all is the one ``structure``. The remaining DOFs
+    are ``rest``.
     """
-    by_dof = shapes * np.asarray(model.bare(values)[2] @ shapes)
+    by_dof = shapes * np.asarray(model.K @ shapes)
     sets = {name: [model.index(dof) for dof in dofs] for name, dofs in (parts or {}).items()}
     left = np.setdiff1d(np.arange(model.size), [k for places in sets.values() for k in places])
     if len(left):
@@ -135,19 +126,13 @@ def energy_shares(
     energies = {name: by_dof[places].sum(axis=0) for name, places in sets.items()}
     for joint in model.joints:
         ends = np.array([model.row(dof) for dof in joint.dofs]) @ shapes
-        energies[joint.name] = sum(
-            _value(term, values or {})
-            * np.einsum("ir,ij,jr->r", ends, as_array(term.whole.at(values or {})), ends)
-            for term in joint.terms
-            if term.letter == "k"
-        ) + np.zeros(len(omega))
+        energies[joint.name] = np.zeros(len(omega))
+        for term in joint.terms:
+            if term.letter == "k":
+                stiffness = float(term.parameter.value or 0.0) * term.block
+                energies[joint.name] += np.einsum("ir,ij,jr->r", ends, stiffness, ends)
     total = np.where(omega > 0, omega, np.inf) ** 2
     return list(energies), np.array(list(energies.values())).T / total[:, None]
-
-
-def _value(term: JointTerm, values: Mapping[str, float]) -> float:
-    value = term.parameter.value
-    return values[term.name] if value is None else evaluated(value, values).value
 
 
 def paired(table: Array, measured: Array, omega: Array) -> NDArray[np.int_]:

@@ -309,16 +309,16 @@ def pattern_sum(*parts: tuple[Real, Array]) -> DependentMatrix:
     return total
 
 
-def entries(rows: Sequence[Sequence[Real]] | Array) -> DependentMatrix:
-    """Return the symmetric matrix of given entries (n x n), the upper triangle read."""
-    n = len(rows)
-    numbers = [[0.0 if isinstance(value, Dependent) else float(value) for value in row] for row in rows]
-    total = DependentMatrix(np.array(numbers))
-    for i in range(n):
-        for j in range(i, n):
-            value = rows[i][j]
-            if isinstance(value, Dependent):
-                unit = np.zeros((n, n))
-                unit[i, j] = unit[j, i] = 1.0
-                total = total + DependentMatrix(np.zeros((n, n)), ((value, unit),))
-    return total
+def entries(rows: Sequence[Sequence[Real]] | Array, *, symmetric: bool = True) -> DependentMatrix:
+    """Return the matrix of given entries (n x n); of a symmetric one the upper triangle is read."""
+    constant, terms = np.zeros((len(rows), len(rows))), []
+    for (i, j), value in np.ndenumerate(np.array(rows, dtype=object)):
+        if not isinstance(value, Dependent):
+            constant[i, j] = value
+        elif j >= i or not symmetric:
+            unit = np.zeros_like(constant)
+            unit[i, j] = 1.0
+            if symmetric:
+                unit[j, i] = 1.0
+            terms.append((value, unit))
+    return DependentMatrix(constant, tuple(terms))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,37 +25,7 @@ _MAX_NAMED_DOFS = 3
 _RIGID_BODY_MODES = 6
 
 
-class _StructureSummary(NamedTuple):
-    """Summary of a structure.
-
-    `size`: number of DOFs; `sparse`: how it is stored; `massless`: labels of the DOFs without mass;
-    `rigid`: a name for each rigid-body mode, such as ``translation w``, ``rotation``, or the DOFs that a
-    mechanism moves.
-    """
-
-    size: int
-    sparse: bool
-    massless: tuple[Label, ...]
-    rigid: tuple[str, ...]
-
-
-def summarise(
-    model: StructuralModel, lowest: Modes | None = None, M: Matrix | None = None
-) -> _StructureSummary:
-    """Return size, massless DOFs and named rigid-body modes of a structure.
-
-    `lowest`: its modes, the rigid-body ones among them; default: computed, with known joints; `M`: its mass
-    with joints that have mass; default: without.
-    """
-    if lowest is None:
-        M, C, K = model.with_joints()
-        lowest = _beyond_rigid((M, C, K), modes(M, C, K, count=None if model.size <= 400 else 7))
-    names = rigid_names(model.dofs, lowest.shapes[:, : lowest.rigid])
-    without = massless(model.M if M is None else M)
-    return _StructureSummary(model.size, model.is_sparse, tuple(model.dofs[at] for at in without), names)
-
-
-def rigid_names(dofs: Sequence[Label], shapes: Array) -> tuple[str, ...]:
+def _rigid_names(dofs: Sequence[Label], shapes: Array) -> tuple[str, ...]:
     """Name rigid-body motions: translations first, then rotations, then mechanisms.
 
     Labels show directions (``w_4``, ``12:UX``); without them DOFs are taken to come node by node, 6, 3, 2 or
@@ -173,21 +142,18 @@ def modal_analysis(
     M, C, K = model.with_joints(values)
     lowest = modes(M, C, K, count, below)
     complete = lowest if count is None else _beyond_rigid((M, C, K), lowest)
-    about = summarise(model, complete, M)
+    rigid = _rigid_names(model.dofs, complete.shapes[:, : complete.rigid])
     result, group = Result("structure"), "structure/modes"
     result.add_axis(f"{group}/mode", np.arange(1, len(lowest.omega) + 1))
-    result.add(f"{group}/omega", lowest.omega, ("mode",), "rad/s")
-    result.add(f"{group}/uncertainty", lowest.uncertainty, ("mode",), "rad/s")
-    result.add(f"{group}/undecided", lowest.undecided, ("mode",))
-    result.add(f"{group}/damping", lowest.damping, ("mode",))
-    names = [*about.rigid, *[""] * len(lowest.omega)][: len(lowest.omega)]
-    result.add(f"{group}/name", names, ("mode",))
+    result.add_all(group, ("mode",), "rad/s", omega=lowest.omega, uncertainty=lowest.uncertainty)
+    names = [*rigid, *[""] * len(lowest.omega)][: len(lowest.omega)]
+    result.add_all(group, ("mode",), undecided=lowest.undecided, damping=lowest.damping, name=names)
     result.add_axis(f"{group}/dof", [str(dof) for dof in model.dofs])
     result.add(f"{group}/shape", lowest.shapes, ("dof", "mode"))
     result.add(f"{group}/rigid", complete.rigid)
     result.add(f"{group}/counted", lowest.counted, (), "rad/s")
     if lowest.doubt:
         result.annotate(group, doubt=lowest.doubt)
-    if about.massless:
-        result.add_axis(f"{group}/massless", [str(dof) for dof in about.massless])
+    if without_mass := massless(M):
+        result.add_axis(f"{group}/massless", [str(model.dofs[at]) for at in without_mass])
     return result

@@ -264,10 +264,9 @@ class StructuralModel(NamedDofs):
                 sums[letter] = sums[letter] + self._pattern(joint, value * block, letter)
         return sums["m"], sums["c"], sums["k"]
 
-    def with_known_joints(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
-        """Return the matrices with the joints that are known, or in `values`; other ones are left out."""
-        others = {parameter.name: 0.0 for parameter in self.joint_unknowns}
-        return self.with_joints({**others, **(values or {})})
+    def with_known_joints(self) -> tuple[Matrix, Matrix, Matrix]:
+        """Return the matrices with the joints that are known; other ones are left out."""
+        return self.with_joints({parameter.name: 0.0 for parameter in self.joint_unknowns})
 
     def slopes(
         self, values: Mapping[str, float], names: Iterable[str] | None = None
@@ -358,9 +357,7 @@ class StructuralModel(NamedDofs):
 
     def with_parameters(self, parameters: Iterable[Parameter]) -> StructuralModel:
         """Return the model with other `parameters`, those of joints left as they are."""
-        model = self.joined(self.joints)
-        object.__setattr__(model, "parameters", tuple(parameters))
-        return model
+        return self._copied(parameters=tuple(parameters))
 
     def with_terms(self, terms: Iterable[Term], parameters: Iterable[Parameter]) -> StructuralModel:
         """Return the model with other terms, which M, C and K contain already, and `parameters` for them."""
@@ -375,8 +372,7 @@ class StructuralModel(NamedDofs):
 
     def with_motions(self, motions: Mapping[str, Motion]) -> StructuralModel:
         """Return the model with further motions, its matrices not checked again."""
-        model = self.joined(self.joints)
-        object.__setattr__(model, "motions", {**self.motions, **motions})
+        model = self._copied(motions={**self.motions, **motions})
         model._check_motions()
         return model
 

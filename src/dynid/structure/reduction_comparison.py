@@ -149,37 +149,38 @@ def _add(
     reduced = evaluated.reduction.model
     coordinates = [str(label) for label in reduced.dofs]
     result.annotate(group, rule=evaluated.reduction.rule, **evaluated.cost.attributes())
-    result.add_axis(f"{group}/coordinate", coordinates)
-    result.add_axis(f"{group}/column", coordinates)
+    result.add_axes(group, coordinate=coordinates, column=coordinates)
     result.add(f"{group}/T", evaluated.reduction.T, ("dof", "coordinate"))
-    matrices, dims = ("mass", "damping", "stiffness"), ("coordinate", "column")
-    for name, matrix in zip(matrices, reduced.with_joints(), strict=True):
-        result.add(f"{group}/{name}", as_array(matrix), dims)
-    if reduced.joints:
-        for name, matrix in zip(matrices, (reduced.M, reduced.C, reduced.K), strict=True):
-            result.add(f"{group}/{name}_without_joints", as_array(matrix), dims)
+    bare = (reduced.M, reduced.C, reduced.K) if reduced.joints else ()
+    for suffix, matrices in (("", reduced.with_joints()), ("_without_joints", bare)):
+        for name, matrix in zip(("mass", "damping", "stiffness"), matrices, strict=False):
+            result.add(f"{group}/{name}{suffix}", as_array(matrix), ("coordinate", "column"))
     if evaluated.modes.doubt:
         result.annotate(group, doubt=f"{group.rpartition('/')[2]}: {evaluated.modes.doubt}")
     masters = [model.index(label) + 1 for label in evaluated.reduction.masters]
+    basis_modes = np.array(evaluated.reduction.modes, dtype=np.int64)
     result.add(f"{group}/masters", np.array(masters, dtype=np.int64), ("master",))
-    result.add(f"{group}/modes", np.array(evaluated.reduction.modes, dtype=np.int64), ("basis_mode",))
+    result.add(f"{group}/modes", basis_modes, ("basis_mode",))
     if evaluated.reduction.condition is not None:
         result.add(f"{group}/condition", evaluated.reduction.condition)
     places = np.array(evaluated.numbers, dtype=np.int64) - 1
     reference, M = full.omega[places], model.with_joints()[0]
     shapes = reduced.expand(evaluated.modes.shapes)
     target = correlation.counterparts(shapes, places, full.shapes, full.omega, M)
-    result.add_axis(f"{group}/mode", places + 1)
-    result.add_axis(f"{group}/full_mode", places + 1)
-    result.add(f"{group}/frequencies", evaluated.modes.omega, ("mode",), "rad/s")
-    result.add(f"{group}/frequency_uncertainty", evaluated.modes.uncertainty, ("mode",), "rad/s")
-    result.add(f"{group}/reference", reference, ("mode",), "rad/s")
-    result.add(f"{group}/reference_uncertainty", full.uncertainty[places], ("mode",), "rad/s")
+    result.add_axes(group, mode=places + 1, full_mode=places + 1)
+    result.add_all(
+        group,
+        ("mode",),
+        "rad/s",
+        frequencies=evaluated.modes.omega,
+        frequency_uncertainty=evaluated.modes.uncertainty,
+        reference=reference,
+        reference_uncertainty=full.uncertainty[places],
+    )
     error = correlation.frequency_error(evaluated.modes.omega, reference)
     result.add(f"{group}/frequency_error", error, ("mode",))
-    result.add(f"{group}/mac", correlation.mac(shapes, target), ("mode", "full_mode"))
-    cross = correlation.orthogonality(shapes, M, target)
-    result.add(f"{group}/orthogonality", cross, ("mode", "full_mode"))
+    mac, cross = correlation.mac(shapes, target), correlation.orthogonality(shapes, M, target)
+    result.add_all(group, ("mode", "full_mode"), mac=mac, orthogonality=cross)
     if result.wants(f"{group}/energy_error"):
         names, shares = correlation.energy_shares(model, shapes, evaluated.modes.omega, parts=parts)
         _, true = correlation.energy_shares(model, target, reference, parts=parts)

@@ -25,7 +25,7 @@ from dynid.structure.assembly import Assembly, Spring, Support, check_nodes, not
 from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.joints import Joint
 from dynid.structure.labels import DIRECTIONS, Nodes
-from dynid.structure.matrices import DependentMatrix, as_array, pattern_sum
+from dynid.structure.matrices import DependentMatrix, as_array, entries, pattern_sum
 from dynid.structure.model import StructuralModel
 
 Vector: TypeAlias = tuple[Real, Real, Real]
@@ -343,7 +343,7 @@ def _blocks(block: DependentMatrix, places: Sequence[tuple[int, int]], n: int) -
 def _carried(offset: Vector, n: int, at: int) -> DependentMatrix:
     """Return the motion (n x n) of a point that a rigid offset joins to the node of the DOFs from 3 `at`."""
     x, y, z = offset
-    lever = _matrix([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+    lever = entries([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]], symmetric=False)
     return DependentMatrix(np.eye(n)) + _blocks(lever, [(at, at + 1)], n)
 
 
@@ -363,7 +363,8 @@ def _axes(along: Vector, orientation: Vector | None) -> tuple[DependentMatrix, R
         raise UsageError("it has no length", remedy="Its ends, offsets included, must differ.")
     x = _over(along, length)
     if orientation is None and not isinstance(along[2], Dependent) and along[2] == 0:
-        return _matrix([(x[0], x[1], 0.0), (-x[1], x[0], 0.0), (0.0, 0.0, 1.0)]).merged(), length
+        rows = [(x[0], x[1], 0.0), (-x[1], x[0], 0.0), (0.0, 0.0, 1.0)]
+        return entries(rows, symmetric=False).merged(), length
     if orientation is None:
         vertical = math.hypot(float(x[0]), float(x[1])) < _VERTICAL
         orientation = (0.0, 1.0, 0.0) if vertical else _cross((0.0, 0.0, 1.0), x)
@@ -372,7 +373,7 @@ def _axes(along: Vector, orientation: Vector | None) -> tuple[DependentMatrix, R
     if not float(size) > _VERTICAL * float(_length(orientation)):
         raise UsageError("its orientation lies along it", remedy="Give a vector beside its axis.")
     z = _over(z, size)
-    return _matrix([x, _cross(z, x), z]), length
+    return entries([x, _cross(z, x), z], symmetric=False), length
 
 
 def _sum(a: Vector, b: Vector) -> Vector:
@@ -390,19 +391,6 @@ def _length(a: Vector) -> Real:
 
 def _over(a: Vector, by: Real) -> Vector:
     return a[0] / by, a[1] / by, a[2] / by
-
-
-def _matrix(rows: Sequence[Sequence[Real]]) -> DependentMatrix:
-    """Return the matrix of given entries (3 x 3)."""
-    constant, terms = np.zeros((3, 3)), []
-    for position, value in np.ndenumerate(np.array(rows, dtype=object)):
-        if isinstance(value, Dependent):
-            unit = np.zeros((3, 3))
-            unit[position] = 1.0
-            terms.append((value, unit))
-        else:
-            constant[position] = value
-    return DependentMatrix(constant, tuple(terms))
 
 
 def _nothing(n: int) -> DependentMatrix:

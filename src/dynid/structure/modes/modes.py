@@ -218,37 +218,30 @@ def _rigid(square: Array, parts: Array) -> NDArray[np.bool_]:
     return np.asarray((energy <= max(_ROUNDING, 10 * lowest)) | (parts == 0))
 
 
-class _Remembered(NamedTuple):
-    """Modes of sparse matrices, the backend asked for, and the time that they took, s."""
-
-    matrices: tuple[Matrix, Matrix, Matrix]
-    backend: str
-    found: Modes
-    seconds: float
-
-
 @dataclass
 class ModeMemory:
     """The last modes of large matrices, for those who ask for the same ones again.
 
     `seconds` is the time that modes took that were asked for again: the cost of work that shares them is
-    its own time and that.
+    its own time and that. `cost` is the time that the last modes took.
     """
 
-    last: _Remembered | None = None
     seconds: float = 0.0
+    matrices: tuple[Matrix, Matrix, Matrix] | None = None
+    backend: str = ""
+    modes: Modes | None = None
+    cost: float = 0.0
 
     def recall(self, matrices: tuple[Matrix, Matrix, Matrix], count: int, backend: str) -> Modes | None:
         """Return the lowest modes of the same matrices, if they are known."""
-        last = self.last
-        if last is None or last.backend != backend or count > len(last.found.omega):
+        if self.matrices is None or self.modes is None:
             return None
-        if not all(
-            _equal(matrix, remembered) for matrix, remembered in zip(matrices, last.matrices, strict=True)
-        ):
+        if self.backend != backend or count > len(self.modes.omega):
             return None
-        self.seconds += last.seconds
-        return last.found.first(count)
+        if not all(_equal(*pair) for pair in zip(matrices, self.matrices, strict=True)):
+            return None
+        self.seconds += self.cost
+        return self.modes.first(count)
 
 
 _memory: ContextVar[ModeMemory | None] = ContextVar("memory", default=None)
@@ -257,9 +250,8 @@ _memory: ContextVar[ModeMemory | None] = ContextVar("memory", default=None)
 @contextmanager
 def remembered_modes() -> Iterator[ModeMemory]:
     """Compute the lowest modes of the same large matrices only once within the block."""
-    token = _memory.set(ModeMemory())
-    memory = _memory.get()
-    assert memory is not None
+    memory = ModeMemory()
+    token = _memory.set(memory)
     try:
         yield memory
     finally:
@@ -365,10 +357,11 @@ def _lowest_or_known(
         remembered = memory.recall((M, C, K), count, backend)
         if remembered is not None:
             return remembered
-    memory.last, started = None, perf_counter()  # its matrices need not be kept any longer
-    result = _lowest_sparse(M, C, K, count, below, backend, proof)
-    memory.last = _Remembered((M, C, K), backend, result, perf_counter() - started)
-    return result
+    memory.matrices = memory.modes = None  # they need not be kept any longer
+    memory.backend, started = backend, perf_counter()
+    memory.modes = _lowest_sparse(M, C, K, count, below, backend, proof)
+    memory.matrices, memory.cost = (M, C, K), perf_counter() - started
+    return memory.modes
 
 
 def _lowest_sparse(

@@ -136,42 +136,31 @@ class ReductionByParts:
                 bases.append((places, np.eye(len(places))))
                 continue
             try:
-                reduction_of_part, T = self._reduced(name, model, places, reduction)
+                part, T = self._reduced(name, model, places, reduction)
             except (UsageError, NumericalError) as error:
                 error.names = (*(f"{name}.{name_of_key}" for name_of_key in error.names), name)
                 raise
-            reductions.append(reduction_of_part)
+            reductions.append(part)
             bases.append((places, T))
-            kept = len(reduction_of_part.masters)
-            names += [
-                *reduction_of_part.model.dofs[:kept],
-                *(f"{prefix}{label}" for label in reduction_of_part.model.dofs[kept:]),
-            ]
+            kept, dofs = len(part.masters), part.model.dofs
+            names += [*dofs[:kept], *(f"{prefix}{label}" for label in dofs[kept:])]
         T = np.zeros((model.size, len(names)))
         first = 0
         for places, basis in bases:
             T[places, first : first + basis.shape[1]] = basis
             first += basis.shape[1]
-        conditions = [
-            reduction_of_part.condition
-            for reduction_of_part in reductions
-            if reduction_of_part.condition is not None
-        ]
+        conditions = [part.condition for part in reductions if part.condition is not None]
+        rules, doubts = (
+            "; ".join(dict.fromkeys(filter(None, texts)))
+            for texts in ([part.rule for part in reductions], [part.doubt for part in reductions])
+        )
         return StructuralReduction(
             projected(model, T, names),
-            tuple(label for reduction_of_part in reductions for label in reduction_of_part.masters),
-            tuple(number for reduction_of_part in reductions for number in reduction_of_part.modes),
+            tuple(label for part in reductions for label in part.masters),
+            tuple(number for part in reductions for number in part.modes),
             max(conditions, default=None),
-            rule="; ".join(
-                dict.fromkeys(
-                    reduction_of_part.rule for reduction_of_part in reductions if reduction_of_part.rule
-                )
-            ),
-            doubt="; ".join(
-                dict.fromkeys(
-                    reduction_of_part.doubt for reduction_of_part in reductions if reduction_of_part.doubt
-                )
-            ),
+            rule=rules,
+            doubt=doubts,
             inverted=reductions[0].inverted if reductions else "",
         )
 
