@@ -323,14 +323,6 @@ def test_a_reduced_model_names_all_dofs_and_expands_back():
         reduced.row(5)
 
 
-def test_a_structure_without_its_joints_apart_is_the_same_structure():
-    model = lumped([1, 2], [Link((1,), 3.0)], [Joint("j", (1, 2), JointParameter(start=2.0), m=1.0)])
-    joined = model.assembled({"j.k": 4.0})
-    assert joined.joints == ()
-    for one, other in zip(joined.with_joints(), model.with_joints({"j.k": 4.0}), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
 def test_units_follow_what_a_joint_holds():
     unknown = JointParameter(start=1.0)
     joints = (

@@ -344,14 +344,16 @@ def test_craig_bampton_by_parts_converges_and_keeps_rigid_bodies():
         parts, [Point("p", ("root.2",)), Point("q", ("tip.1",))], PointJoint("bolt", ("p", "q"), k)
     )
     values = model.true_values()
-    exact = frequencies(model.assembled(values), 6)
+    exact = frequencies(StructuralModel(*model.with_joints(values)), 6)
     errors = []
     for count in (2, 6, 12):
         part = PartReduction("craig-bampton", {"modes": ModeRange(count=count)})
         made = reduced(model, {"root": part, "tip": part})
         assert made.model.size == 12 + 2 * count
         assert [one.name for one in made.model.unknowns] == [f"bolt.k.{along}" for along in DIRECTIONS]
-        errors.append(np.abs(frequencies(made.model.assembled(values), 6) / exact - 1).max())
+        errors.append(
+            np.abs(frequencies(StructuralModel(*made.model.with_joints(values)), 6) / exact - 1).max()
+        )
     assert errors[0] > errors[1] > errors[2]
     assert errors[2] < 1e-4
     held = made.model.joined(()).K

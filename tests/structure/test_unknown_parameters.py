@@ -194,11 +194,6 @@ def test_joints_share_a_stiffness():
     assert_as_built(model, oracle, {"a.c": 0.7, "kb": 33.0, "m": 0.9})
     with pytest.raises(UsageError, match=r"a\.c has no value"):
         model.with_joints({"kb": 3.0})
-    joined = model.assembled({"a.c": 0.7})
-    assert [one.name for one in joined.unknowns] == ["kb", "m"]
-    assert_as_built(joined, lambda kb, m: oracle(kb, m, **{"a.c": 0.7}), {"kb": 33.0, "m": 0.9})
-    with pytest.raises(UsageError, match="kb: no parameter of a joint alone"):
-        model.assembled({"a.c": 0.7, "kb": 1.0})
 
 
 def test_a_known_parameter_is_no_unknown_but_has_a_slope():

@@ -35,10 +35,10 @@ def frequency_error(frequencies: Array, reference: Array) -> Array:
 def mac(a: NDArray[np.inexact], b: NDArray[np.inexact]) -> Array:
     """Return the modal assurance criterion ``|a^H b|^2 / (a^H a) (b^H b)`` of all pairs (columns of a x b).
 
-    `a`, `b`: mode shapes (n x r, n x s); a shape that is zero agrees with none.
+    `a`, `b`: mode shapes (n x r, n x s), or stacks of them; a shape that is zero agrees with none.
     """
-    size = np.outer(np.linalg.norm(a, axis=0), np.linalg.norm(b, axis=0))
-    cosine = np.abs(a.conj().T @ b) / np.where(size > 0, size, 1.0)
+    size = np.linalg.norm(a, axis=-2)[..., None] * np.linalg.norm(b, axis=-2)[..., None, :]
+    cosine = np.abs(a.conj().swapaxes(-1, -2) @ b) / np.where(size > 0, size, 1.0)
     return np.asarray(np.minimum(cosine, 1.0) ** 2)
 
 
@@ -74,10 +74,10 @@ def frac(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Array:
 
 
 def orthogonality(a: Array, M: Matrix, b: Array) -> Array:
-    """Return the cross-orthogonality ``|a^T M b|`` of shapes, each normed to unit modal mass (r x s)."""
+    """Return the cross-orthogonality ``|a^T M b|`` of shapes, or of stacks, of unit modal mass (r x s)."""
     Ma, Mb = np.asarray(M @ a), np.asarray(M @ b)
-    size = np.sqrt(np.outer((a * Ma).sum(axis=0), (b * Mb).sum(axis=0)))
-    return np.asarray(np.abs(a.T @ Mb) / np.where(size > 0, size, 1.0))
+    size = np.sqrt((a * Ma).sum(axis=-2)[..., None] * (b * Mb).sum(axis=-2)[..., None, :])
+    return np.asarray(np.abs(a.swapaxes(-1, -2) @ Mb) / np.where(size > 0, size, 1.0))
 
 
 def counterparts(shapes: Array, places: NDArray[np.int64], full: Array, omega: Array, M: Matrix) -> Array:
@@ -87,10 +87,7 @@ def counterparts(shapes: Array, places: NDArray[np.int64], full: Array, omega: A
     for (r), ascending; `full`, `omega`: shapes (n x s) and frequencies (s) of the full model, normed to unit
     modal mass; `M`: mass (n x n).
 
-    Returns
-    -------
-    Array
-        Modes of the full structure (n x r): of each multiple frequency those nearest to the reduced ones.
+    It returns modes (n x r): of each multiple frequency those nearest to the reduced ones.
     """
     out = full[:, places].copy()
     ends = np.flatnonzero(np.diff(omega) > _MULTIPLE * omega[1:]) + 1
@@ -129,8 +126,8 @@ def energy_shares(
         energies[joint.name] = np.zeros(len(omega))
         for term in joint.terms:
             if term.letter == "k":
-                stiffness = float(term.parameter.value or 0.0) * term.block
-                energies[joint.name] += np.einsum("ir,ij,jr->r", ends, stiffness, ends)
+                strain = np.einsum("ir,ij,jr->r", ends, term.block, ends)
+                energies[joint.name] += float(term.parameter.value or 0.0) * strain
     total = np.where(omega > 0, omega, np.inf) ** 2
     return list(energies), np.array(list(energies.values())).T / total[:, None]
 

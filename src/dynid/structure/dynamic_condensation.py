@@ -110,10 +110,7 @@ class CondensedLines:
 
         `M`, `C`, `K`: mass, damping and stiffness (n x n).
 
-        Returns
-        -------
-        tuple
-            Receptances (L x pairs); motion (L x a x e); a mask of the lines (L).
+        It returns receptances (L x pairs); motion (L x a x e); a mask of the lines (L).
         """
         kept = self.coordinates
         Z, scale = _dynamic_stiffness(kept.block(M), kept.block(C), kept.block(K), self.omega)

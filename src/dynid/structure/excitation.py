@@ -8,9 +8,8 @@ A displacement or a velocity that is prescribed acts by its derivative, with the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -133,7 +132,8 @@ def drive(
     held = [-1] * len(loads)
     for k, load in enumerate(loads):
         if load.dof is None:
-            shake, carried = _shaken(model, lambda full: full.mass(values))
+            carried = _full(model)
+            shake = _shaken(model, carried.mass(values))
             directions[:, k] = -shake
             for row, channel in enumerate(channels):
                 if channel.absolute:
@@ -245,28 +245,22 @@ def _coordinate(model: StructuralModel, load: Load) -> tuple[int, float]:
 def base_slopes(model: StructuralModel, loads: Sequence[Load], values: Mapping[str, float]) -> Array:
     """Return the derivatives (p x n x loads) of the forces by which a moving ground acts."""
     slopes = np.zeros((len(model.unknowns), model.size, len(loads)))
-    full = model
-    while full.basis is not None:
-        full = full.basis.parent
-    for k, change in enumerate(full.slopes(values)):
+    for k, change in enumerate(_full(model).slopes(values)):
         if "M" in change:
-            moved, _ = _shaken(model, partial(_first, change["M"]))
-            slopes[k] = np.outer(moved, [-float(load.dof is None) for load in loads])
+            grounded = [-float(load.dof is None) for load in loads]
+            slopes[k] = np.outer(_shaken(model, change["M"]), grounded)
     return slopes
 
 
-def _first(matrix: Matrix, _: StructuralModel) -> Matrix:
-    return matrix
+def _full(model: StructuralModel) -> StructuralModel:
+    return model if model.basis is None else _full(model.basis.parent)
 
 
-def _shaken(
-    model: StructuralModel, mass: Callable[[StructuralModel], Matrix]
-) -> tuple[Array, StructuralModel]:
-    """Return M r of the coordinates, r the unit translation of all that translates, and the full model."""
+def _shaken(model: StructuralModel, M: Matrix) -> Array:
+    """Return M r of the coordinates, r the unit translation of all that translates in the full model."""
     if model.basis is None:
-        return np.asarray(mass(model) @ _translation(model)), model
-    inner, full = _shaken(model.basis.parent, mass)
-    return np.asarray(model.basis.T.T @ inner), full
+        return np.asarray(M @ _translation(model))
+    return np.asarray(model.basis.T.T @ _shaken(model.basis.parent, M))
 
 
 def _translation(model: StructuralModel) -> Array:

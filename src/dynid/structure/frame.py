@@ -151,10 +151,8 @@ def frame(
         Supports, masses and grounded springs at the nodes.
     damping
         Of the members, masses and springs; the springs' own damping is added.
-    joints
-        The joints, between DOFs such as ``u_2`` or ``theta_1``.
-    parameters
-        Unknown parameters, on which all numbers may depend.
+    joints, parameters
+        The joints, between DOFs such as ``u_2``; unknown parameters, on which all numbers may depend.
 
     Raises
     ------

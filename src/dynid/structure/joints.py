@@ -152,7 +152,7 @@ class Joint:
         return UsageError(f"joint {self.name} {said}", names=(self.name,))
 
     @property
-    def terms(self) -> tuple[JointTerm, ...]:
+    def terms(self) -> tuple[_JointTerm, ...]:
         """Its contributions to the matrices, stiffness first."""
         parts = {"k": self.k, "c": self.c, "m": self.m}
         count, terms = len(self.dofs), []
@@ -166,11 +166,11 @@ class Joint:
             else:
                 pattern = np.eye(count) / count if letter == "m" else np.outer(direction, direction)
                 block = DependentMatrix(pattern)
-            terms.append(JointTerm(f"{self.name}.{letter}{component}", letter, values, block))
+            terms.append(_JointTerm(f"{self.name}.{letter}{component}", letter, values, block))
         return tuple(terms)
 
 
-class JointTerm(NamedTuple):
+class _JointTerm(NamedTuple):
     """A joint's contribution: name, letter (k, c, m), parameter, and the block (d x d) it multiplies."""
 
     name: str

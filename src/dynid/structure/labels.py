@@ -52,11 +52,8 @@ def direction(label: Label) -> str:
 def node_direction(label: Label) -> tuple[Node, str] | None:
     """Return node and direction of a DOF: 20 and ``z`` of ``20:z``, 4 and ``y`` of ``w_4``.
 
-    Returns
-    -------
-    tuple or None
-        The direction is one of `DIRECTIONS`; the node is a number where it reads as one. None where the
-        label says neither.
+    The direction is one of `DIRECTIONS`; the node is a number where it reads as one. None where the label
+    says neither.
     """
     node, name = _split(label)
     along = _ALIASES.get(name.lower())
@@ -334,11 +331,8 @@ class Nodes:
 
         `labels`: labels of the DOFs.
 
-        Returns
-        -------
-        Array
-            The displacement, or rotation, of each DOF (len(labels) x 6) in its node's own axes; zeros for
-            DOFs of no node.
+        It returns the displacement, or rotation, of each DOF (len(labels) x 6) in its node's own axes; zeros
+        for DOFs of no node.
         """
         names = list(labels)
         motions = np.zeros((len(names), 6))

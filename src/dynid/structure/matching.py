@@ -80,11 +80,8 @@ def matched_dofs(
     Raises UsageError if nodes are not there, lie too far from any, or two lie at one; if a direction has no
     DOFs.
 
-    Returns
-    -------
-    list of mappings
-        For each sensor the weights of the DOFs, by their own labels: one DOF, or motion of the model, with
-        weight 1 or -1 where its direction is that of one.
+    It returns for each sensor the weights of the DOFs, by their own labels: one DOF, or motion of the model,
+    with weight 1 or -1 where its direction is that of one.
     """
     labels_of_nodes = _by_node(model)
     nodes = _matched_nodes(model, labels_of_nodes, list(dict.fromkeys(node for node, _ in places)), how, test)

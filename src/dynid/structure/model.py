@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -276,11 +276,8 @@ class StructuralModel(NamedDofs):
         `values`: the parameters by name; those that are absent have their reference values; `names`: the
         parameters, known or unknown, by which to differentiate; default: `unknowns`.
 
-        Returns
-        -------
-        tuple
-            For each of them the derivatives by the matrices' letters, ``M``, ``C``, ``K``; those that
-            vanish are absent.
+        It returns for each of them the derivatives by the matrices' letters, ``M``, ``C``, ``K``; those that
+        vanish are absent.
         """
         requested = [parameter.name for parameter in self.unknowns] if names is None else names
         by_name: dict[str, dict[str, Any]] = {name: {} for name in requested}
@@ -336,24 +333,6 @@ class StructuralModel(NamedDofs):
             )
         M, C, K = self.with_joints(values)
         return as_array(M), as_array(C), as_array(K)
-
-    def assembled(self, values: Mapping[str, float] | None = None) -> StructuralModel:
-        """Return the model with its joints added to the matrices, and no joints left.
-
-        `values`: values of the joints' own unknown parameters. All other parameters stay as they are. Raises
-        UsageError if a joint's own parameter has no value, or a name is none of these.
-        """
-        parameter_values = dict(values or {})
-        others = [
-            name for name in parameter_values if name in {parameter.name for parameter in self.parameters}
-        ]
-        if others:
-            raise UsageError(f"{', '.join(others)}: no parameter of a joint alone", names=others)
-        joint_names = {parameter.name for parameter in self.joint_unknowns}
-        lasting = (term for term in self.joint_terms if joint_names.isdisjoint(term.coefficient.names))
-        terms = (*self.terms, *lasting)
-        M, C, K = self.with_joints(parameter_values)
-        return replace(self, M=M, C=C, K=K, joints=(), terms=terms)
 
     def with_parameters(self, parameters: Iterable[Parameter]) -> StructuralModel:
         """Return the model with other `parameters`, those of joints left as they are."""

@@ -19,6 +19,7 @@ from dynid.structure.joints import Block, Joint, JointParameter
 from dynid.structure.labels import DIRECTIONS, Label
 from dynid.structure.named_dofs import Motion
 from dynid.structure.points import PlacedPoint
+from dynid.suggestions import did_you_mean
 
 Component: TypeAlias = JointParameter | Real
 Components: TypeAlias = Mapping[str, Component] | JointParameter | Block
@@ -214,8 +215,6 @@ def _merged(joints: Sequence[Joint]) -> Sequence[Joint]:
 
 def _point(joint: PointJoint, name: str, points: Mapping[str, PlacedPoint]) -> PlacedPoint:
     if name not in points:
-        from dynid.suggestions import did_you_mean
-
         hint = did_you_mean(name, points)
         raise _refused(joint, f"names a point '{name}' that does not exist{hint}", "Name one of 'points'.")
     return points[name]

@@ -49,11 +49,8 @@ def lowest_oscillating(
     rigid-body modes, which have poles of zero; `elastic`: the lowest elastic frequency without damping,
     rad/s. Raises NumericalError if too many poles do not oscillate.
 
-    Returns
-    -------
-    tuple or None
-        At least `count` poles, with all that equal the last, and shapes (n x poles); None where that takes
-        nearly all poles of the structure.
+    It returns at least `count` poles, with all that equal the last, and shapes (n x poles); None where that
+    takes nearly all poles of the structure.
     """
     from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigs

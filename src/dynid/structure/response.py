@@ -70,8 +70,8 @@ def frequency_response(
     result = Result("structure")
     group = "structure/frequency_response"
     result.add_axis(f"{group}/omega", w, "rad/s")
-    result.add_axis(f"{group}/output", [channel.name for channel in outputs])
-    result.add_axis(f"{group}/input", [str(dof) for dof in inputs])
+    names = [channel.name for channel in outputs]
+    result.add_axes(group, output=names, input=[str(dof) for dof in inputs])
     units = response_units(model, inputs, outputs)
     result.add(f"{group}/unit", units, ("output",))
     result.add(f"{group}/response", response.response, ("omega", "output", "input"), common_unit(units))

@@ -53,7 +53,7 @@ def bending(
     return k.times(EI / length**3), m.times(rhoA * length / 420)
 
 
-def stretching(
+def _stretching(
     EA: Real, rhoA: Real, length: Real, released: Sequence[int] = ()
 ) -> tuple[DependentMatrix, DependentMatrix]:
     """Return stiffness and consistent mass (2 x 2) of a bar element, DOFs [u1, u2]; of a shaft alike.
@@ -191,10 +191,8 @@ def space_frame(
         Supports, rigid bodies and grounded springs at the nodes, along basic directions.
     damping
         Of the members, masses and springs; the springs' own damping is added.
-    joints
-        The joints, between DOFs such as ``2:x`` or ``1:rz``.
-    parameters
-        Unknown parameters, on which all numbers may depend.
+    joints, parameters
+        The joints, between DOFs such as ``1:rz``; unknown parameters, on which all numbers may depend.
 
     Raises
     ------
@@ -314,9 +312,9 @@ def _element(
             if direction in member.releases[end]
         ]
         if name == "along":
-            parts = stretching(member.EA, member.rhoA, length, released)
+            parts = _stretching(member.EA, member.rhoA, length, released)
         elif name == "twist":
-            parts = stretching(member.GJ, member.polar_inertia, length, released)
+            parts = _stretching(member.GJ, member.polar_inertia, length, released)
         else:
             parts = bending(member.EIz if name == "in xy" else member.EIy, member.rhoA, length, released)
         T = DependentMatrix(selected)

@@ -37,11 +37,8 @@ def largest(
     drawn from; `start_pairs`: eigenpairs already found, of unit modal mass; the iteration goes on beside
     them. Raises Diverged if they do not converge.
 
-    Returns
-    -------
-    theta, X
-        Eigenvalues and eigenvectors (n x pairs) of unit modal mass; fewer than `count` only if there are no
-        more. Of a multiple eigenvalue copies may be missing.
+    It returns eigenvalues and eigenvectors (n x pairs) of unit modal mass; fewer than `count` only if there
+    are no more. Of a multiple eigenvalue copies may be missing.
     """
     held = 0 if start_pairs is None else len(start_pairs[0])
     basis = _Basis(solve, M, held + max(2 * count, count + 30), rng)

@@ -316,7 +316,7 @@ def modes(
     if backend == "auto":
         backend = solver_for(K.shape[0], count, below, K.nnz if is_sparse(K) else 0)
     if backend != "dense":
-        return _lowest_or_known(M, C, K, count, below, backend, proof)
+        return _lowest_sparse(M, C, K, count, below, backend, proof)
     from dynid.structure.modes.dense import eigenpairs
 
     pencil = scaled(as_array(K), as_array(M))
@@ -347,26 +347,15 @@ def solver_for(size: int, count: int | None, below: float | None, entries: int =
     return backend_for(size, entries) if below is not None else "dense"
 
 
-def _lowest_or_known(
-    M: Matrix, C: Matrix, K: Matrix, count: int | None, below: float | None, backend: str, proof: bool
-) -> Modes:
-    memory = _memory.get()
-    if memory is None or not (proof and is_sparse(K) and is_sparse(M) and is_sparse(C)):
-        return _lowest_sparse(M, C, K, count, below, backend, proof)
-    if below is None and count is not None:
-        remembered = memory.recall((M, C, K), count, backend)
-        if remembered is not None:
-            return remembered
-    memory.matrices = memory.modes = None  # they need not be kept any longer
-    memory.backend, started = backend, perf_counter()
-    memory.modes = _lowest_sparse(M, C, K, count, below, backend, proof)
-    memory.matrices, memory.cost = (M, C, K), perf_counter() - started
-    return memory.modes
-
-
 def _lowest_sparse(
     M: Matrix, C: Matrix, K: Matrix, count: int | None, below: float | None, backend: str, proof: bool
 ) -> Modes:
+    memory = _memory.get() if proof and all(is_sparse(matrix) for matrix in (M, C, K)) else None
+    if memory is not None:
+        if below is None and count is not None and (known := memory.recall((M, C, K), count, backend)):
+            return known
+        memory.matrices = memory.modes = None  # they need not be kept any longer
+    started = perf_counter()
     from scipy.sparse import csc_array
 
     from dynid.structure.modes.sparse import SparseSpectrum
@@ -385,4 +374,9 @@ def _lowest_sparse(
     method = f"shift-invert Lanczos, {backend}"
     massless = len(pencil.without_mass)
     result = finished(pencil, C, square, shapes, massless=massless, counted=counted, method=method)
-    return result if count is None else result.first(min(count, len(square)))
+    if count is not None:
+        result = result.first(min(count, len(square)))
+    if memory is not None:
+        memory.matrices, memory.backend, memory.modes = (M, C, K), backend, result
+        memory.cost = perf_counter() - started
+    return result

@@ -270,11 +270,8 @@ def eigenvalues_below(
     `backend`: as of `negative_eigenvalues`; `order`: a good order of elimination (n) where one is known.
     Raises NumericalError if no pivots are conclusive.
 
-    Returns
-    -------
-    count, value
-        The count, and the value it is for: up to 1e-8 higher where the one given hits an eigenvalue or its
-        pivots are not conclusive.
+    It returns the count, and the value it is for: up to 1e-8 higher where the one given hits an eigenvalue or
+    its pivots are not conclusive.
     """
     for nudge in _NUDGES:
         nudged = value + nudge * abs(value)

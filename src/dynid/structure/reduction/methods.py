@@ -264,10 +264,7 @@ def _with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tu
     `rows`: by label the weights (n) of motions; DOFs of the structure among them stay DOFs. A motion that is
     a sum of others is left out.
 
-    Returns
-    -------
-    StructuralModel, sparse array or None
-        The structure, and the change of coordinates; None where all of them are DOFs already.
+    It returns the structure, and the change of coordinates, None where all of them are DOFs already.
     """
     rows_of_dofs = [k for k, label in enumerate(model.dofs) if label in rows]
     labels = [label for label in rows if label not in model.dofs]

@@ -18,6 +18,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.defaults import MASTER_COORDINATES
+from dynid.structure.correlation import mac, orthogonality
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction import stacked_choices
 from dynid.structure.reduction.condensation import Dynamic, OnMasters, Partition
@@ -323,11 +324,7 @@ def compared(
         arrays["frequency_uncertainty"] = modes.uncertainty + UNIT_ROUNDING * (
             terms / modes.omega + modes.omega
         )
-        lengths = np.linalg.norm(a, axis=1)[:, :, None] * np.linalg.norm(b, axis=1)[:, None, :]
-        arrays["mac"] = np.minimum(np.abs(transposed(a) @ b) / lengths, 1.0) ** 2
-        Ma, Mb = jointed.M @ a, jointed.M @ b
-        norms = np.sqrt((a * Ma).sum(axis=1)[:, :, None] * (b * Mb).sum(axis=1)[:, None, :])
-        arrays["orthogonality"] = np.abs(transposed(a) @ Mb) / norms
+        arrays |= {"mac": mac(a, b), "orthogonality": orthogonality(a, jointed.M, b)}
         if "energy_error" in names:
             shares = energies()
             arrays["energy_error"] = shares.shares(a, modes.omega) - shares.shares(b, reference.omega)
