@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from functools import cache
 from typing import Any
@@ -94,7 +94,7 @@ def write_blocks(
         for index, variable in result.items()
         if variable.data.ndim > 0 and not any(variable.data.strides)
     }
-    with replacing(name) as temporary, closing(Sink(temporary)) as sink, deferred_interrupts() as check:
+    with replacing(name) as temporary, Sink(temporary) as sink, deferred_interrupts() as check:
         try:
             with h5py.File(sink, "w", libver="earliest") as file:
                 _write_root(file, result, str(result.attrs.get("scene", "")), complete)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterator, Mapping
+from io import RawIOBase
 from typing import Any
 
 import numpy as np
@@ -143,8 +144,10 @@ def _stored_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
     return h5py.string_dtype() if dtype.kind == "O" else dtype
 
 
-class Sink:
+class Sink(RawIOBase):
     """An existing file open for reading and writing, as h5py takes it."""
+
+    _descriptor = -1  # until it is open
 
     def __init__(self, path: str) -> None:
         self._descriptor = descriptor_of(path, links=True)
@@ -160,7 +163,10 @@ class Sink:
 
     def close(self) -> None:
         """Close the file."""
-        os.close(self._descriptor)
+        if self._descriptor >= 0:
+            descriptor, self._descriptor = self._descriptor, -1
+            os.close(descriptor)
+        super().close()
 
     def write(self, content: Any) -> int:
         """Write at the current place."""
@@ -190,19 +196,10 @@ class Sink:
         self._place += count
         return count
 
-    def read(self, size: int) -> bytes:
-        """Read from the current place."""
-        content = bytearray(size)
-        return bytes(content[: self.readinto(content)])
-
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
         """Move the current place."""
         base = {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self._end}[whence]
         self._place = base + offset
-        return self._place
-
-    def tell(self) -> int:
-        """Return the current place."""
         return self._place
 
     def truncate(self, size: int | None = None) -> int:
@@ -214,6 +211,3 @@ class Sink:
         except OSError as error:
             self.error = error
         return self._end
-
-    def flush(self) -> None:
-        """Do nothing: writes are not buffered."""
