@@ -195,14 +195,9 @@ class Information:
         """Return the information with that of independent observations (count x p) of the parameters."""
         if not len(rows):
             return self
-        return Information(
-            self.names,
-            np.concatenate([self.projected, rows]),
-            np.hypot(self.total, np.linalg.norm(rows, axis=0)),
-            self.signal,
-            self.freedom + len(rows),
-            observed=self.observed,
-        )
+        total = np.hypot(self.total, np.linalg.norm(rows, axis=0))
+        both, freedom = np.concatenate([self.projected, rows]), self.freedom + len(rows)
+        return replace(self, projected=both, total=total, freedom=freedom, values=None, rates=None)
 
     def without(self, held: NDArray[np.bool_]) -> Information:
         """Return the information with some parameters (p) fixed."""
@@ -351,15 +346,12 @@ def joint_information(parts: Sequence[Information]) -> Information:
     """Return the information of several records together, whose initial states are each their own."""
     if len(parts) == 1:
         return parts[0]
-    return Information(
-        parts[0].names,
-        np.concatenate([record.projected for record in parts]),
-        np.linalg.norm([record.total for record in parts], axis=0),
-        float(np.linalg.norm([record.signal for record in parts])),
-        sum(record.freedom for record in parts),
-        parts[0].values,
-        parts[0].rates,
-        parts[0].observed,
+    return replace(
+        parts[0],
+        projected=np.concatenate([record.projected for record in parts]),
+        total=np.linalg.norm([record.total for record in parts], axis=0),
+        signal=float(np.linalg.norm([record.signal for record in parts])),
+        freedom=sum(record.freedom for record in parts),
     )
 
 

@@ -120,7 +120,7 @@ def _quantiles(x: Array, rise: Array) -> tuple[float, float]:
     from scipy.interpolate import PchipInterpolator  # heavy import, needed here only
 
     fine = np.interp(np.linspace(0, len(x) - 1, _FINE * (len(x) - 1) + 1), np.arange(len(x)), x)
-    density = np.exp(-PchipInterpolator(x, np.minimum(rise, _IMPOSSIBLE))(fine))
+    density = np.exp(-PchipInterpolator(x, np.minimum(rise - rise.min(), _IMPOSSIBLE))(fine))
     share = np.concatenate([[0.0], np.cumsum(np.diff(fine) * (density[1:] + density[:-1]))])
     low, high = np.interp([_TAIL_PROBABILITY, 1 - _TAIL_PROBABILITY], share / share[-1], fine)
     return float(low), float(high)

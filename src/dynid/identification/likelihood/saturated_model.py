@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
 from dynid.defaults import SATURATED
+from dynid.identification.records.frf_measurement import stacked
 from dynid.lti.recurrence import recurrence
 from dynid.lti.signals import Multisine, Signal
 
@@ -103,14 +104,9 @@ class Regressors:
 
     def joined(self, *others: Regressors) -> Regressors:
         """Return these columns and, after them, others."""
-        blocks = (self, *others)
-        return Regressors(
-            np.concatenate([block.values for block in blocks], axis=1),
-            np.concatenate([block.kind for block in blocks]),
-            np.concatenate([block.group for block in blocks]),
-            np.concatenate([block.pole for block in blocks]),
-            np.concatenate([block.rate for block in blocks]),
-        )
+        parts = ("values", "kind", "group", "pole", "rate")
+        blocks = ([getattr(block, part) for block in (self, *others)] for part in parts)
+        return Regressors(*(np.concatenate(block, axis=-1) for block in blocks))
 
     @cached_property
     def gram(self) -> Array:
@@ -129,10 +125,6 @@ class Regressors:
                 np.concatenate([self.rate, none]),
             )
         return self._labels[widths]
-
-    def replaced(self, values: Array) -> Regressors:
-        """Return the regressors with other values, such as whitened ones."""
-        return replace(self, values=values)
 
     def where(self, there: NDArray[np.bool_]) -> Regressors:
         """Return the regressors of a channel whose values are there (rows)."""
@@ -343,7 +335,7 @@ def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, max_co
     are divided (L); `max_count`: how many regressors there may be.
     """
     s, scale = 1j * omega, max(float(omega[-1]), np.finfo(float).tiny)
-    rest = [_parts(np.asarray((s / scale) ** order / profile))[:, None] for order in range(3)]
+    rest = [stacked(np.asarray((s / scale) ** order / profile))[:, None] for order in range(3)]
     direct = Regressors.of(RegressorKind.LINE, rest, 2 * len(omega))
     kept = _upper_poles(poles, 2 * scale, math.inf)[: max(0, max_count - len(rest)) // 4]
     kept = kept[np.abs(s[:, None] - kept).min(axis=0, initial=math.inf) > 0]
@@ -354,15 +346,11 @@ def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, max_co
         for out, power in ((modes, 1), (moves, 2)):
             a, b = upper_term**power, lower_term**power
             pair = [a + b, 1j * (a - b)] if pole.imag else [a]
-            out.append(np.column_stack([_parts(column / profile) for column in pair]))
+            out.append(np.column_stack([stacked(column / profile) for column in pair]))
     free = Regressors.of(RegressorKind.MODE, modes, 2 * len(omega), kept.tolist())
     return direct.joined(
         free, Regressors.of(RegressorKind.POLE, moves, 2 * len(omega), kept.tolist(), 1 / scale)
     )
-
-
-def _parts(values: ComplexArray) -> Array:
-    return np.concatenate([values.real, values.imag])
 
 
 def delayed_residuals_by_line(residual: Array) -> Array:

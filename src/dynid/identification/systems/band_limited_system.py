@@ -19,7 +19,6 @@ from dynid.arrays import Array, ComplexArray, finite
 from dynid.identification.systems.linear_system import LinearSystem, Pairs, Responses
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.structure.dynamic_condensation import ActiveCoordinates
-from dynid.structure.matrices import as_array
 
 #: Modes up to this multiple of the highest line are kept at first.
 BAND_FACTOR = 3.0
@@ -80,16 +79,11 @@ class _BandLimitedSystem(StructureSystem):
 
     @cached_property
     def _joint_directions(self) -> Array:
-        unknown_names, model = {unknown.name for unknown in self.unknowns}, self.model
-        acting = [
-            as_array(term.matrix)
-            for term in model.joint_terms
-            if not unknown_names.isdisjoint(term.coefficient.names)
-        ]
+        acting = self._acting(self.model.joint_terms)
         if not any(matrix.any() for matrix in acting):
-            return np.zeros((0, model.size))
+            return np.zeros((0, self.model.size))
         coordinates = ActiveCoordinates.of(acting)
-        rows = np.zeros((coordinates.count, model.size))
+        rows = np.zeros((coordinates.count, self.model.size))
         rows[:, coordinates.places] = coordinates.active.T
         return rows[:_MAX_JOINT_DIRECTIONS]
 

@@ -22,7 +22,7 @@ from dynid.number_format import frequency_text
 from dynid.structure.dynamic_condensation import ActiveCoordinates, CondensedLines, condensed_lines
 from dynid.structure.excitation import base_slopes, drive, prescribed_state, signals_of
 from dynid.structure.matrices import as_array
-from dynid.structure.model import StructuralModel
+from dynid.structure.model import StructuralModel, Term
 from dynid.structure.ports import Channel, Load
 from dynid.structure.state_space import massless_motion
 
@@ -254,20 +254,19 @@ class StructureSystem(LinearSystem):
         condensed = self._condensed(omega, pairs)
         return self.model.size if condensed is None else condensed.coordinates.count
 
+    def _acting(self, terms: Sequence[Term]) -> list[Array]:
+        """Return the matrices of the terms that depend on unknown parameters."""
+        names = {unknown.name for unknown in self.unknowns}
+        return [as_array(term.matrix) for term in terms if not names.isdisjoint(term.coefficient.names)]
+
     def _condensed(self, omega: Array, pairs: Pairs) -> CondensedLines | None:
         """Return the lines condensed to what unknown parameters act on; None where that does not pay."""
         key = omega.tobytes(), tuple(pairs)
         if self._lines is None or self._lines[0] != key:
-            unknown_names = {unknown.name for unknown in self.unknowns}
-            lines = None
+            unknown_names, lines = {unknown.name for unknown in self.unknowns}, None
             if all(unknown_names.isdisjoint(part.names) for part in self.model.modal):
                 matrices = self.model.dense(_references(self.model))
-                terms = (*self.model.joint_terms, *self.model.terms)
-                acting = [
-                    as_array(term.matrix)
-                    for term in terms
-                    if not unknown_names.isdisjoint(term.coefficient.names)
-                ]
+                acting = self._acting((*self.model.joint_terms, *self.model.terms))
                 if any(matrix.any() for matrix in acting):
                     coordinates = ActiveCoordinates.of(acting)
                     lines = condensed_lines(matrices, coordinates, *self._ends(pairs), omega)
