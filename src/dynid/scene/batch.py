@@ -223,17 +223,7 @@ def varied_parameter(parameters: Mapping[str, Any], path: Sequence[str]) -> str 
 
 
 class VariedNumbers:
-    """The parameters of samples: constant ones, those that are set, and those that depend on these.
-
-    Parameters
-    ----------
-    source
-        The scene.
-    fixed
-        The values of its parameters.
-    paths
-        The names of the parameters that vary, by the paths that set them.
-    """
+    """The parameters of samples: constant (`fixed`) ones, those that `paths` set, and those that follow."""
 
     def __init__(self, source: Source, fixed: Mapping[str, Number], paths: Mapping[str, str]) -> None:
         self.fixed, self._paths = fixed, paths

@@ -8,10 +8,9 @@ reported where the model is written, in its own file.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 from dynid.arithmetic.expression import renamed
 from dynid.errors import Fault, SceneError
@@ -36,13 +35,6 @@ _NAMING = frozenset({"type", "domain", "path", "name", "dof", "dofs", "fix", "di
 }
 
 
-class _End(NamedTuple):
-    """An end of a bond at a port of an instance: where it is written, and the text of the bond."""
-
-    place: Positions
-    text: str
-
-
 def composed(source: Source) -> Source:
     """Return a scene with every instance of a model replaced by the nodes and bonds of the model.
 
@@ -59,29 +51,23 @@ def composed(source: Source) -> Source:
     return _Flattening(with_models(source)).result()
 
 
-@dataclass(eq=False)
 class _Flattening:
     """The flat graph of a scene, instance by instance."""
 
-    source: Source
-
-    def __post_init__(self) -> None:
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        models = mapping(source.data, "models")
+        self.models = {str(name): Model(str(name), mapping_of(data)) for name, data in models.items()}
         self.faults: list[Fault] = []
         self.nodes: dict[str, Any] = {}
         self.parameters: dict[str, Any] = {}
         self.bonds: list[tuple[str, str, Positions]] = []
         self.marks: dict[KeyPath, Positions] = {}
         # Of every port of an instance: the instance's place, and the bonds that end there from outside.
-        self.ports: dict[str, tuple[Positions, list[_End]]] = {}
+        self.ports: dict[str, tuple[Positions, list[Positions]]] = {}
         self.open: set[str] = set()  # ports that are no nodes
         self.aliases: dict[str, str] = {}  # the ports of a chain: of its first and its last copy
         self._below: dict[KeyPath, dict[Any, list[tuple[KeyPath, Positions]]]] = {}
-
-    @cached_property
-    def models(self) -> dict[str, Model]:
-        """The models, by name."""
-        models = mapping(self.source.data, "models")
-        return {str(name): Model(str(name), mapping_of(data)) for name, data in models.items()}
 
     def result(self) -> Source:
         """Return the flat scene."""
@@ -89,15 +75,10 @@ class _Flattening:
         if not mapping(data, "graph"):
             message = "models are for a 'graph'; there is none"
             raise SceneError([self.source.fault(("models",), message, key=True)])
-        kept = {
-            path: mark
-            for path, mark in self.source.marks.items()
-            if not (
-                path[:1] in (("models",), ("use",))
-                or (path[:1] == ("graph",) and path[1:2] in (("nodes",), ("bonds",)) and len(path) > 2)
-            )
-        }
-        self.marks |= kept
+        replaced = (("graph", "nodes"), ("graph", "bonds"))
+        for path, mark in self.source.marks.items():
+            if path[:1] not in (("models",), ("use",)) and (path[:2] not in replaced or len(path) == 2):
+                self.marks[path] = mark
         self.faults += model_faults(self.source, self.models)
         self._raise()
         self._add_graph("", mapping(data, "graph"), ("graph",), {})
@@ -110,7 +91,7 @@ class _Flattening:
             elif len(ends) > 1:
                 message = f"port '{name}' of '{holder}' has {len(ends)} bonds; put a junction between"
                 for end in ends[1:]:
-                    self._note(Fault(end.place.file, *end.place.value, message))
+                    self._note(Fault(end.file, *end.value, message))
         self._raise()
         bonds = self._connected()
         self._raise()
@@ -184,15 +165,15 @@ class _Flattening:
                 self._note(self.source.fault(path, message))
             flat.append(name)
         for tail, head in pairwise(flat):
-            self._connect(tail, head, mark, str(text))
+            self._connect(tail, head, mark)
 
     def _mark(self, path: KeyPath) -> Positions:
         return self.source.marks.get(path, Positions((1, 1), (1, 1), self.source.file))
 
-    def _connect(self, tail: str, head: str, mark: Positions, text: str) -> None:
+    def _connect(self, tail: str, head: str, mark: Positions) -> None:
         for end in (tail, head):
             if end in self.ports:
-                self.ports[end][1].append(_End(mark, text))
+                self.ports[end][1].append(mark)
         self.bonds.append((tail, head, mark))
 
     def _instantiate(
@@ -212,7 +193,7 @@ class _Flattening:
             backward = bool(right) and (model.outflow(right) < 0 or model.outflow(left) > 0)
             for copy_before, copy_after in pairwise(copies) if right else ():
                 ends = (f"{copy_before}.{right}", f"{copy_after}.{left}")
-                self._connect(*(ends[::-1] if backward else ends), mark, f"chain of {flat}")
+                self._connect(*(ends[::-1] if backward else ends), mark)
             if right:
                 self.aliases |= {f"{flat}.{left}": f"{copies[0]}.{left}"}
                 self.aliases |= {f"{flat}.{right}": f"{copies[-1]}.{right}"}
@@ -295,17 +276,7 @@ def _changed(values: Mapping[str, Any], usual: Mapping[str, Any], node: Mapping[
 
 
 class _Scope(dict[str, str]):
-    """Flat names in an expression of a node: of parameters, and of the variables of nodes, which win.
-
-    Parameters
-    ----------
-    names
-        Flat names of parameters.
-    prefix
-        The prefix of the instance.
-    nodes
-        The nodes of its model.
-    """
+    """Flat names in an expression of a node: of parameters, and of the variables of nodes, which win."""
 
     def __init__(self, names: Mapping[str, str], prefix: str, nodes: Mapping[Any, Any]) -> None:
         super().__init__(names)

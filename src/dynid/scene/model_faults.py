@@ -99,7 +99,6 @@ class _Checks:
         self.source, self.models = source, models
         self.faults: list[Fault] = []
         self._sizes: dict[str, _Size] = {}
-        self._noted: set[str] = set()
 
     def _note(self, path: KeyPath, message: str, *, key: bool = True) -> None:
         self.faults.append(self.source.fault(path, message, key=key))
@@ -244,8 +243,7 @@ class _Checks:
 
     def _note_once(self, path: KeyPath, message: str, *, key: bool) -> None:
         """Note a fault in the innermost model that has it, not again in those around."""
-        if message not in self._noted:
-            self._noted.add(message)
+        if all(fault.message != message for fault in self.faults):
             self._note(path, message, key=key)
 
 

@@ -91,15 +91,7 @@ def is_shared(data: NDArray[Any]) -> bool:
 
 
 class SampleOutcomes(Sequence[SampleOutcome]):
-    """The outcomes of samples, in order; in memory they are arrays.
-
-    Parameters
-    ----------
-    blocks
-        The samples; one that is in none of them is pending.
-    count
-        The number of samples.
-    """
+    """The outcomes of samples, in order; in memory they are arrays. One that is in no block is pending."""
 
     def __init__(self, blocks: Sequence[SampleBlock], count: int) -> None:
         self.blocks, self._count = blocks, count

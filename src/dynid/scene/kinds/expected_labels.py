@@ -19,6 +19,7 @@ from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
     from dynid.identification.records.measurement import Measurement
+    from dynid.parameters import Parameter
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import AnalysisModel, BondGraphScene
     from dynid.scene.schema.identification import IdentificationScene
@@ -181,7 +182,7 @@ def _labels(scene: Scene, parts: Parts) -> dict[str, list[str]]:
         axes = _CHANNEL_AXES.get(parts[1], ()) if len(parts) == 3 else ()
         return {axis: labels[axis] for axis in axes if axis in labels}
     if scene.kind == "identification" and parts[:2] in _OF_PARAMETERS:
-        return dict.fromkeys(("parameter", "other"), _unknown_names(scene))
+        return dict.fromkeys(("parameter", "other"), [unknown.name for unknown in _unknowns(scene)])
     if scene.kind == "reduction" and parts[0] == "reduction":
         return {"method": method_names(scene, _FRF)}
     return {}
@@ -312,7 +313,7 @@ def _size(scene: Scene, parts: Parts, dim: str) -> int | None:
     if parts[:3] == ("bond_graph", "design", "optima"):
         return scene.model.design.starts if scene.model.design is not None else None
     if dim == "direction":
-        return len(_unknown_names(scene))
+        return len(_unknowns(scene))
     if dim == "step":
         return _steps(scene, parts[1])
     if parts[0] == "bond_graph":
@@ -350,10 +351,9 @@ def _steps(scene: Scene, group: str) -> int | None:
     return sum(len(reduction.steps) for reduction in reduced.reductions.values())
 
 
-def _unknown_names(scene: Scene[IdentificationScene]) -> list[str]:
+def _unknowns(scene: Scene[IdentificationScene]) -> Sequence[Parameter]:
     model = scene.model
-    unknowns = unknown_parameters(model) if model.graph is not None else structure_in(scene).unknowns
-    return [parameter.name for parameter in unknowns]
+    return unknown_parameters(model) if model.graph is not None else structure_in(scene).unknowns
 
 
 def _labels_of_graph(scene: Scene) -> dict[str, list[str]]:

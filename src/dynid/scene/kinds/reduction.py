@@ -45,17 +45,7 @@ if TYPE_CHECKING:
 
 
 class LocatedReductor:
-    """A method, whose errors name its place in the scene.
-
-    Parameters
-    ----------
-    method
-        The method.
-    place
-        The dotted path of its key in the scene.
-    first
-        The reduction of the parts of the structure, which is made once and then reduced further.
-    """
+    """A method, whose errors name its place in the scene; `first` reduces the parts, once, before it."""
 
     def __init__(self, method: Reductor, path: str, first: LocatedReductor | None = None) -> None:
         self.method = method

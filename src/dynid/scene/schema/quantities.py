@@ -189,12 +189,7 @@ def _where(
 class _By:
     """Annotation of the function that validates a field, without the cost of pydantic's own in dumping.
 
-    Parameters
-    ----------
-    check
-        The function.
-    bounds
-        The bounds of its values, in the keywords of JSON Schema.
+    `bounds` are those of its values, in the keywords of JSON Schema.
     """
 
     def __init__(self, check: Callable[[Any, ValidationInfo], Quantity], **bounds: int) -> None:
