@@ -182,7 +182,8 @@ def _labels(scene: Scene, parts: Parts) -> dict[str, list[str]]:
         axes = _CHANNEL_AXES.get(parts[1], ()) if len(parts) == 3 else ()
         return {axis: labels[axis] for axis in axes if axis in labels}
     if scene.kind == "identification" and parts[:2] in _OF_PARAMETERS:
-        return dict.fromkeys(("parameter", "other"), [unknown.name for unknown in _unknowns(scene)])
+        names = [unknown.name for unknown in _unknowns(scene)]
+        return {"parameter": names, "other": names}
     if scene.kind == "reduction" and parts[0] == "reduction":
         return {"method": method_names(scene, _FRF)}
     return {}
