@@ -140,11 +140,6 @@ def _operation_of(node: ast.expr) -> tuple[str, int]:
     return node.func.id, len(node.args)
 
 
-def _literal_of(node: ast.Constant) -> Fraction:
-    """Return the exact value of a checked literal, as the decimal it is written as."""
-    return Fraction(repr(node.value))
-
-
 def name_problem(name: str) -> str:
     """Return why a word cannot name a parameter; empty where it can."""
     if keyword.iskeyword(name):
@@ -270,7 +265,7 @@ class Expression:
         for node in self.steps:
             try:
                 if isinstance(node, ast.Constant | ast.Name):
-                    stack.append(leaf(node.id if isinstance(node, ast.Name) else _literal_of(node)))
+                    stack.append(leaf(node.id if isinstance(node, ast.Name) else Fraction(repr(node.value))))
                 else:
                     operation, count = _operation_of(node)
                     operands = stack[len(stack) - count :]

@@ -26,8 +26,11 @@ from dynid.errors import FileError
 from dynid.files.fe_text import real
 from dynid.files.matrix_data import ImportedMatrix, compressed
 from dynid.files.matrix_market import assembled, entry_indices, one_triangle, read_triplets
-from dynid.files.untrusted import check_backed, check_claim, read_errors
+from dynid.files.untrusted import check_backed, check_claim, check_size, read_errors
 from dynid.structure.labels import DIRECTIONS
+
+#: The largest script, and the largest file of labels, bytes.
+_MAX_SCRIPT_BYTES, _MAX_LABEL_BYTES = 4_000_000_000, 1_000_000_000
 
 
 def read_calculix(path: Path) -> ImportedMatrix:
@@ -47,8 +50,7 @@ def read_calculix(path: Path) -> ImportedMatrix:
 def _read_order(path: Path) -> tuple[str, ...]:
     """Return the labels of the DOFs in a file `.dof`."""
     with read_errors(path, "an order of DOFs of CalculiX"):
-        if path.stat().st_size > 1_000_000_000:
-            raise FileError(f"{path} is too large for an order of DOFs")
+        check_size(path, "an order of DOFs", _MAX_LABEL_BYTES)
         words = path.read_text(encoding="utf-8").split()
         wrong = next((word for word in words if not re.fullmatch(r"\d+\.[1-6]", word)), None)
         if wrong is not None or not words:
@@ -129,8 +131,7 @@ def _numbers(
 def _mapping(path: Path, rows: int) -> tuple[str, ...]:
     """Return the labels of rows: lines ``row node direction`` below a heading."""
     with read_errors(path, "a mapping of Ansys"):
-        if path.stat().st_size > 1_000_000_000:
-            raise FileError(f"{path} is too large for a mapping")
+        check_size(path, "a mapping", _MAX_LABEL_BYTES)
         entries = (line.split() for line in path.read_text(encoding="latin-1").splitlines())
         named = {
             int(words[0]): f"{words[1]}:{words[2]}"
@@ -142,8 +143,6 @@ def _mapping(path: Path, rows: int) -> tuple[str, ...]:
         return tuple(named[row] for row in range(1, rows + 1))
 
 
-# The largest script, bytes.
-_MAX_SCRIPT_BYTES = 4_000_000_000
 _SPARSE = re.compile(
     r"^\s*(?P<name>\w+)\s*=\s*sparse\(\s*\w+\(:,1\)\s*,\s*\w+\(:,2\)\s*,\s*\w+\(:,3\)"
     r"\s*(?:,\s*(?P<rows>\d+)\s*,\s*(?P<columns>\d+)\s*)?\)"
@@ -153,8 +152,7 @@ _SPARSE = re.compile(
 def read_script(path: Path) -> ImportedMatrix:
     """Return the matrix of a script; entries of one triangle only are mirrored."""
     with read_errors(path, "a MATLAB script of a sparse matrix"):
-        if path.stat().st_size > _MAX_SCRIPT_BYTES:
-            raise FileError(f"{path} is too large for a script of a matrix")
+        check_size(path, "a script of a matrix", _MAX_SCRIPT_BYTES)
         inside, call = False, None
         numbers: list[str] = []
         with path.open(encoding="utf-8") as lines:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import FileError
 from dynid.files.mesh_data import MeshData, members
-from dynid.files.untrusted import MOST_NUMBERS, check_count
+from dynid.files.untrusted import check_count, check_size
 from dynid.structure.solid_elements import Places
 
 Numbers: TypeAlias = NDArray[Any]
@@ -59,8 +59,7 @@ class _Elements(NamedTuple):
 
 def read_gmsh(path: Path, _: Sequence[Path] = ()) -> MeshData:
     """Return the mesh of a file."""
-    if path.stat().st_size > 8 * MOST_NUMBERS:
-        raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read")
+    check_size(path)
     content = path.read_bytes()
     head = _FORMAT.match(content)
     if head is None:
@@ -211,7 +210,8 @@ class _File:
         check_count(self.path, left, "elements", len(numbers.content))
         while left > 0:
             if self.order is None:
-                _, kind, tags = _ahead(numbers)
+                _, kind, tags = numbers.take(3, "i4")
+                numbers.at -= 3  # they are taken once more below
                 run, width, ahead = left, 3 + tags + _nodes(kind), 3
                 rows = numbers.values[numbers.at : numbers.at + left * width]
                 rows = rows[: len(rows) // width * width].reshape(-1, width)
@@ -283,13 +283,6 @@ def _whole(values: Numbers) -> Numbers:
     if not np.abs(values).max(initial=0) < 2**53 or np.any(values != np.floor(values)):
         raise ValueError("a section has what is no whole number")
     return values.astype(np.int64)
-
-
-def _ahead(numbers: _Numbers) -> Numbers:
-    """Return the next three numbers of text, which are taken once more."""
-    header = numbers.take(3, "i4")
-    numbers.at -= 3
-    return header
 
 
 def _nodes(kind: int) -> int:

@@ -20,7 +20,7 @@ from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files.matrix_data import USE_REAL_PART, Container, compressed, real_matrix
 from dynid.files.table import ColumnRequest, DataFile, DataTable, are_numbers
-from dynid.files.untrusted import MOST_NUMBERS, DiedError, archived, check_claim, read_errors
+from dynid.files.untrusted import MOST_NUMBERS, DiedError, archived, check_claim, check_size, read_errors
 from dynid.structure.matrices import Matrix, is_sparse
 from dynid.suggestions import did_you_mean
 
@@ -114,8 +114,7 @@ def _archive(path: Path) -> Path:
     """Return the archive of a file, which is written anew only where the file has changed."""
     with read_errors(path, _WHAT):
         facts = path.stat()
-        if facts.st_size > 8 * MOST_NUMBERS:
-            raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read")
+        check_size(path)
         with path.open("rb") as stream:
             version_7_3 = is_hdf5(stream.read(1024))
         if version_7_3:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import FileError
 from dynid.files.matrix_data import ImportedMatrix
-from dynid.files.untrusted import MOST_NUMBERS, check_backed, check_claim, read_errors
+from dynid.files.untrusted import MOST_NUMBERS, check_backed, check_claim, check_size, read_errors
 from dynid.structure.matrices import Matrix
 
 BANNER = "%%matrixmarket"
@@ -241,8 +241,7 @@ def _numbers(path: Path, skip: int, comment: str) -> NDArray[np.float64]:
 def read_rows(path: Path) -> ImportedMatrix:
     """Read a matrix row by row, all its entries, as ``printA`` of OpenSees writes it."""
     with read_errors(path, "rows of a matrix"):
-        if path.stat().st_size > 40 * MOST_NUMBERS:
-            raise FileError(f"{path} is too large for a matrix with all its entries")
+        check_size(path, "a matrix with all its entries", 40 * MOST_NUMBERS)
         table = _numbers(path, 0, "#")
         if table.shape[0] != table.shape[1] or not table.size:
             raise FileError(

@@ -21,7 +21,7 @@ from dynid import trial
 from dynid.errors import FileError
 from dynid.files.fe_text import check_reference
 from dynid.files.mesh_data import MeshData, members
-from dynid.files.untrusted import MOST_NUMBERS, DiedError, archived, check_count
+from dynid.files.untrusted import MOST_NUMBERS, DiedError, archived, check_count, check_size
 from dynid.hdf5 import Refused, check_all_stored, check_stored, inside, open_hdf5
 from dynid.structure.solid_elements import Places
 
@@ -66,8 +66,7 @@ _START = 2**24
 def read_foreign(path: Path, includes: Sequence[Path]) -> MeshData:
     """Return the mesh of a file, with nodes without numbers."""
     size = path.stat().st_size
-    if size > 8 * MOST_NUMBERS:
-        raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read")
+    check_size(path)
     _check_counts(path, size)
     size += sum(file.stat().st_size for file in _references(path, includes))
     if find_spec("meshio") is None:  # of an extra

@@ -19,7 +19,7 @@ import numpy as np
 from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files.matrix_data import Container
-from dynid.files.untrusted import read_errors
+from dynid.files.untrusted import check_size, read_errors
 from dynid.structure.dof_order import DofOrder, NodeFile
 from dynid.structure.labels import DIRECTIONS, Node, Nodes, node_direction
 from dynid.structure.matrices import as_array
@@ -35,8 +35,7 @@ def read_table(path: Path) -> NodeFile:
     separated by blanks, ``dofs`` the node's directions (``x y rz``; ``-`` for none).
     """
     with read_errors(path, "a table of nodes"):
-        if path.stat().st_size > _MAX_BYTES:
-            raise FileError(f"{path} is too large for a table of nodes")
+        check_size(path, "a table of nodes", _MAX_BYTES)
         with path.open(encoding="utf-8-sig", newline="") as lines:
             rows = csv.reader(
                 (line.split("#")[0] for line in lines), skipinitialspace=True, delimiter=_delimiter(path)

@@ -12,6 +12,7 @@ from dynid.errors import FileError
 from dynid.file_access import check_readable, dataset_of
 from dynid.files.formats import format_of, reader_of
 from dynid.files.matrix_data import COMPLEX, USE_REAL_PART, Container, ImportedMatrix
+from dynid.files.untrusted import check_size
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix, is_sparse
 from dynid.suggestions import did_you_mean, shortened
@@ -46,17 +47,12 @@ def matrix_file(folder: Path, path: str, name: str | None = None) -> MatrixFile:
 
 
 def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
-    """Read the matrix of a file that plays a role.
+    """Read the matrix of a file that plays a role, one of `USUAL`: it decides in a file of several.
 
-    Parameters
-    ----------
-    file
-        The file: Matrix Market or Abaqus triplets (`.mtx`, distinguished by banner or size line), CalculiX
-        (`.sti`, `.mas`), Harwell-Boeing (`.rsa`, `.matrix`, …), a script of triplets (`.m`), full rows or
-        Matrix Market (`.txt`, `.out`, `.mmf`), MATLAB (`.mat`), NumPy (`.npz`, `.npy`), HDF5 (`.h5`,
-        `.hdf5`) or Nastran OUTPUT4, OUTPUT2 or DMIG (`.op4`, `.op2`, `.pch`).
-    role
-        One of `USUAL`: which matrix is meant in a file that holds several, and names none.
+    The file is Matrix Market or Abaqus triplets (`.mtx`, distinguished by banner or size line), CalculiX
+    (`.sti`, `.mas`), Harwell-Boeing (`.rsa`, `.matrix`, …), a script of triplets (`.m`), full rows or Matrix
+    Market (`.txt`, `.out`, `.mmf`), MATLAB (`.mat`), NumPy (`.npz`, `.npy`), HDF5 (`.h5`, `.hdf5`) or Nastran
+    OUTPUT4, OUTPUT2 or DMIG (`.op4`, `.op2`, `.pch`).
     """
     form = format_of(file.path, "matrix", "matrices")
     if form.matrix is not None:
@@ -96,8 +92,7 @@ def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
 def read_labels(path: Path) -> list[Label]:
     """Read the labels of DOFs from a text file, one a line."""
     check_readable(path)
-    if path.stat().st_size > _MAX_LABEL_BYTES:
-        raise FileError(f"{path} is too large for a list of labels")
+    check_size(path, "a list of labels", _MAX_LABEL_BYTES)
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:

@@ -43,30 +43,19 @@ def read_columns(
 ) -> MeasuredColumns:
     """Read columns of a file, in the units in which they stand there.
 
-    Parameters
-    ----------
-    path
-        A `.csv`, `.txt` or `.dat` file with one row a line (semicolons, tabs, bars, commas or spaces; where
-        commas do not separate, they may be decimal; lines that start with # are passed over; a first line of
-        names is a header, in which a unit may stand, `acc 12+Z [g]`, or in a line below; lines above the
-        names are skipped where it is certain which line has the names; times may be dates and times of day),
-        an HDF5 file (`.h5`, `.hdf5`), a MATLAB file (`.mat`) or a Universal File of data sets 58 (`.uff`,
-        `.unv`). In text a missing sample is an empty field, `nan`, `NA` or `n/a`; in a file of one column an
-        empty line is a missing sample too; in one of several columns it is refused. Empty lines at the end
-        are dropped.
-    columns
-        Names, with or without the unit, or numbers from 1: columns of a table, datasets of an HDF5 file,
-        variables of a MATLAB file, functions of a Universal File. Default: all columns of a table but that of
-        the times; in an HDF5 file the dataset `measured`.
-    step
-        The step that the rows are taken to have, s; compared with the times of a table, in an HDF5 file with
-        the dataset `time` or `t` beside the data.
-    scene_key
-        The dotted place of the file in the scene, for errors.
-    layout
-        Where in the file the table is.
-    rows
-        How many rows are needed; of a longer dataset of an HDF5 file no more are read.
+    The file is a `.csv`, `.txt` or `.dat` file with one row a line (semicolons, tabs, bars, commas or spaces;
+    where commas do not separate, they may be decimal; lines that start with # are passed over; a first line
+    of names is a header, in which a unit may stand, `acc 12+Z [g]`, or in a line below; lines above the names
+    are skipped where it is certain which line has the names; times may be dates and times of day), an HDF5
+    file (`.h5`, `.hdf5`), a MATLAB file (`.mat`) or a Universal File of data sets 58 (`.uff`, `.unv`). In
+    text a missing sample is an empty field, `nan`, `NA` or `n/a`; in a file of one column an empty line is a
+    missing sample too; in one of several columns it is refused. Empty lines at the end are dropped.
+
+    Columns are names, with or without the unit, or numbers from 1: columns of a table, datasets of an HDF5
+    file, variables of a MATLAB file, functions of a Universal File; by default all columns of a table but
+    that of the times, in an HDF5 file the dataset `measured`. The `step` (s) is compared with the times of a
+    table, in an HDF5 file with the dataset `time` or `t` beside the data. `scene_key` is the dotted place of
+    the file in the scene, for errors; no more than `rows` are read of a longer dataset of an HDF5 file.
     """
     table = _table(path, scene_key, ColumnRequest(columns, layout, rows=rows))
     if columns is None or table.selected:
@@ -87,13 +76,8 @@ def read_signal(
 ) -> tuple[NDArray[np.float64], Heading]:
     """Read one column without missing samples, and its heading; by default the only one that is not the time.
 
-    Parameters
-    ----------
-    path, step, scene_key, layout
-        As of `read_columns`.
-    column
-        Its name, with or without the unit, or its number from 1. Default: the only column but that of the
-        times, the only dataset of an HDF5 file but `time` or `t`.
+    That is the only column but that of the times, the only dataset of an HDF5 file but `time` or `t`. Other
+    parameters are those of `read_columns`.
     """
     columns = None if column is None else [column]
     table = _table(path, scene_key, ColumnRequest(columns, layout, single=True))
@@ -130,15 +114,8 @@ def _reader(path: Path, content: Content, scene_key: str) -> Any:
 def read_responses(path: Path, layout: ResponseLayout, scene_key: str) -> MeasuredResponses:
     """Return measured frequency response functions.
 
-    Parameters
-    ----------
-    path
-        A text file with one line a row, an HDF5 or MATLAB file, or a Universal File of data sets 58. Complex
-        numbers are columns of such (in text ``1.5-2e-3j``), or pairs of columns.
-    layout
-        The columns that the scene names.
-    scene_key
-        The dotted place of the file in the scene, for errors.
+    The file is a text file with one line a row, an HDF5 or MATLAB file, or a Universal File of data sets 58.
+    Complex numbers are columns of such (in text ``1.5-2e-3j``), or pairs of columns.
     """
     file = DataFile(path, scene_key)
     measured: MeasuredResponses = _reader(path, "responses", scene_key)(file, layout)
@@ -154,18 +131,11 @@ def read_responses(path: Path, layout: ResponseLayout, scene_key: str) -> Measur
 
 
 def read_modes(path: Path, names: Mapping[str, str], scene_key: str) -> ModalTable:
-    """Return the modes in a file.
+    """Return the modes in a text file, a MATLAB file or a Universal File.
 
-    Parameters
-    ----------
-    path
-        A text file (`.csv`, `.txt`, `.dat`), a MATLAB file (`.mat`) or a Universal File (`.uff`, `.unv`).
-    names
-        The names of quantities in the file, where they differ from `QUANTITIES`, ``shape_std``, ``tests``
-        (of each value of a shape, or of each mode: the scatter is that of a single test, and the mean of n
-        tests scatters by a root of n less), ``frequency_tests`` and ``dofs``.
-    scene_key
-        The dotted place of the file in the scene, for errors.
+    `names` are those of quantities in the file, where they differ from `QUANTITIES`, ``shape_std``, ``tests``
+    (of each value of a shape, or of each mode: the scatter is that of a single test, and the mean of n tests
+    scatters by a root of n less), ``frequency_tests`` and ``dofs``.
     """
     file = DataFile(path, scene_key)
     modes: ModalTable = _reader(path, "modes", scene_key)(file, names)

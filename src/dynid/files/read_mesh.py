@@ -31,21 +31,12 @@ _MAX_JUDGED = 10_000
 
 
 def read_mesh(path: Path, scale: float = 1.0, includes: Sequence[Path] = ()) -> SolidMesh:
-    """Read the solids of a mesh, its groups of elements and its sets of nodes.
+    """Read the solids of a mesh, its groups of elements and its sets of nodes; its unit is `scale` metres.
 
     Groups and sets are physical groups of gmsh, element and node sets of Abaqus, properties of Nastran, and
     those that meshio reads in other formats; a group without a name has its number. Groups of points, lines,
     faces and solids are sets of their nodes as well. Nodes have their numbers in the file; in formats
-    without, they count from 1.
-
-    Parameters
-    ----------
-    path
-        The file.
-    scale
-        Length of its unit, m.
-    includes
-        Other files to which it may refer.
+    without, they count from 1. The file may refer to `includes` alone.
     """
     reader = reader_of(path, "mesh", names=("mesh",))
     try:

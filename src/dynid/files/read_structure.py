@@ -29,7 +29,7 @@ from dynid.structure.assembly import damped_structure
 from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.dof_order import NodeFile, assigned
 from dynid.structure.joints import Joint
-from dynid.structure.labels import Label, Nodes
+from dynid.structure.labels import Label
 from dynid.structure.matrices import (
     NAMES,
     DependentMatrix,
@@ -60,31 +60,13 @@ def imported(
     parameters: Iterable[Parameter] = (),
     nodes: Path | None = None,
 ) -> StructuralModel:
-    """Return the structure of matrices in files.
+    """Return the structure of matrices in files, each the sum of parts; damping may be made from the others.
 
-    Formats without a size (triplets) take that of the largest matrix, those with labels are brought into
-    one order: DOFs that a matrix does not name have none of it.
-
-    Parameters
-    ----------
-    mass, stiffness, damping
-        The files, or the parts that each matrix is the sum of; damping may be made from the other two
-        instead.
-    labels
-        Labels of the DOFs; default: those of the files, else 1 … n.
-    joints
-        The joints.
-    parameters
-        Unknown parameters, on which factors and damping may depend.
-    nodes
-        A file of nodes, which also gives labels ``NODE:DIR`` where no others are known.
-
-    Raises
-    ------
-    FileError
-        If a file cannot be read; its `names` start with the matrix concerned (``mass``, ``stiffness``, …).
-    UsageError
-        If the matrices are not those of a structure.
+    Formats without a size (triplets) take that of the largest matrix, those with labels are brought into one
+    order: DOFs that a matrix does not name have none of it. Labels are by default those of the files, else 1
+    … n; a file of nodes also gives labels ``NODE:DIR`` where no others are known. Factors and damping may
+    depend on the parameters. The `names` of a `FileError` start with the matrix concerned (``mass``,
+    ``stiffness``, …); `UsageError` if the matrices are not those of a structure.
     """
     roles = {"mass": mass, "damping": damping, "stiffness": stiffness}
     files = {(role, index): term for role, parts in roles.items() for index, term in enumerate(_parts(parts))}
@@ -112,20 +94,13 @@ def imported(
     )
     known_nodes = None
     if nodes is not None:
-        names, known_nodes = _with_nodes(nodes, M.reference, K.reference, names)
+        try:
+            file = read_nodes(nodes)
+        except FileError as error:
+            raise FileError(error.problem, remedy=error.remedy, names=("nodes", *error.names)) from None
+        names, known_nodes = assigned(M.reference, K.reference, names, file)
     law = damping if isinstance(damping, ProportionalDamping | ModalDamping) else None
     return damped_structure(M, C, K, law, joints, names, parameters, known_nodes)
-
-
-def _with_nodes(
-    path: Path, M: Matrix, K: Matrix, labels: tuple[Label, ...]
-) -> tuple[tuple[Label, ...], Nodes]:
-    """Return labels of DOFs and the nodes of a file."""
-    try:
-        file = read_nodes(path)
-    except FileError as error:
-        raise FileError(error.problem, remedy=error.remedy, names=("nodes", *error.names)) from None
-    return assigned(M, K, labels, file)
 
 
 def _parts(
@@ -154,23 +129,9 @@ def from_state_space(
     labels: Sequence[Label] = (),
     joints: Iterable[Joint] = (),
 ) -> StructuralModel:
-    """Return the structure that a state space in a file describes; see `recovered`.
+    """Return the structure that a state space in a file of several matrices describes; see `recovered`.
 
-    Parameters
-    ----------
-    path
-        The file, of a format that holds several matrices.
-    names
-        Names of ``A``, ``B`` and ``C`` in it, where they differ. B and C are used where they exist.
-    labels, joints
-        As of `imported`.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read.
-    UsageError, NumericalError
-        As `recovered`.
+    `names` are those of ``A``, ``B`` and ``C`` in it, where they differ. B and C are used where they exist.
     """
     parts = {name: as_array(matrix) for name, matrix in read_state_space(path, names or {}).items()}
     M, C, K, _ = recovered(parts["A"], parts.get("B"), parts.get("C"))
@@ -204,11 +165,8 @@ def _aligned(parts: Mapping[Key, ImportedMatrix]) -> tuple[tuple[Label, ...], di
 def read_nodes(path: Path) -> NodeFile:
     """Return the nodes of a file.
 
-    Parameters
-    ----------
-    path
-        The file: Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`, `.asm`) or OUTPUT2 (`.op2`), Exodus
-        (`.exo`, `.e`, `.g`), Abaqus or CalculiX (`.inp`), MATLAB or HDF5, or a table (`.csv`).
+    It is Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`, `.asm`) or OUTPUT2 (`.op2`), Exodus (`.exo`,
+    `.e`, `.g`), Abaqus or CalculiX (`.inp`), MATLAB or HDF5, or a table (`.csv`).
     """
     reader = reader_of(path, "nodes")
     try:
@@ -237,12 +195,9 @@ class _ModelFiles(NamedTuple):
 def model_files(path: Path) -> _ModelFiles:
     """Return the files of a model.
 
-    Parameters
-    ----------
-    path
-        A file of several matrices, which also holds the nodes (OUTPUT2, bulk data with DMIG, MATLAB, HDF5) or
-        has them beside it in a file of the same name (OUTPUT4); or an input file of CalculiX or Abaqus
-        (`.inp`), which has the matrices beside it.
+    That is a file of several matrices, which also holds the nodes (OUTPUT2, bulk data with DMIG, MATLAB,
+    HDF5) or has them beside it in a file of the same name (OUTPUT4); or an input file of CalculiX or Abaqus
+    (`.inp`), which has the matrices beside it.
     """
     if path.suffix.lower() == ".inp":
         check_readable(path)

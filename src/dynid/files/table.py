@@ -184,8 +184,11 @@ class DataTable:
         listing = next((column for column, sought in listings if sought in column), None)
         if listing is None:
             # Names that differ in their numbers alone are those of other sensors.
+            short, pattern = split_heading(name)[0], re.sub(r"\d+", "0", split_heading(name)[0])
             others = [
-                column for column, short in zip(self.names, bare, strict=True) if not _numbered(name, short)
+                column
+                for column, other in zip(self.names, bare, strict=True)
+                if other == short or re.sub(r"\d+", "0", other) != pattern
             ]
             hint = did_you_mean(name, others)
             listed = f"has {shortened(self.names, 20)}" if self.names else "has no header"
@@ -282,12 +285,6 @@ class DataTable:
             row = int(np.argmax(np.isnan(values).any(axis=1)))
             self.refuse_row(row, "a sample is missing", "Resampling needs every sample; drop the row.")
         return np.asarray(CubicSpline(times, values)(np.minimum(even, times[-1])))
-
-
-def _numbered(name: str, other_name: str) -> bool:
-    """Return True for two names that differ in numbers alone."""
-    bare, _ = split_heading(name)
-    return bare != other_name and re.sub(r"\d+", "0", bare) == re.sub(r"\d+", "0", other_name)
 
 
 def time_column(names: Sequence[str]) -> int | None:

@@ -32,12 +32,9 @@ _SHELLS = range(41, 100)
 def read_nodes(path: Path) -> NodeFile:
     """Return the nodes of a test in a Universal File.
 
-    Parameters
-    ----------
-    path
-        The file. Positions are those of data sets 15, in the node's definition system, and 2411, in the
-        system of the part; axes are those of its displacement system (18, 2420). Lengths are brought to
-        metres by the record of units (164).
+    Positions are those of data sets 15, in the node's definition system, and 2411, in the system of the part;
+    axes are those of its displacement system (18, 2420). Lengths are brought to metres by the record of units
+    (164).
     """
     source = UniversalFile(DataFile(path))
     if not has_nodes(source):
@@ -68,7 +65,14 @@ def _nodes(source: UniversalFile) -> Nodes:
         for number, defined, moving, *xyz in zip(*columns, strict=True):
             node, point = _whole(file, number, "node number"), np.array(xyz)
             if data_set["type"] == 15:
-                point = _defining(file, systems, _whole(file, defined, "system"), node).basic(point)
+                number_of_system = _whole(file, defined, "system")
+                system = _system(file, systems, number_of_system, node)
+                if system.kind != "cartesian":
+                    file.refuse(
+                        f"node {node} is placed in system {number_of_system}, which is not Cartesian",
+                        "Export Cartesian positions.",
+                    )
+                point = system.basic(point)
             if node in placed and not np.array_equal(placed[node][0], point):
                 file.refuse(f"node {node} has two positions", "Leave one of them.")
             placed[node] = point, _whole(file, moving, "system")
@@ -104,17 +108,6 @@ def _system(
         f"node {node} uses the coordinate system {number}, which the file does not define",
         "Export the systems too (data set 18 or 2420).",
     )
-
-
-def _defining(
-    file: DataFile, systems: Mapping[int, CoordinateSystem], number: int, node: int
-) -> CoordinateSystem:
-    system = _system(file, systems, number, node)
-    if system.kind != "cartesian":
-        file.refuse(
-            f"node {node} is placed in system {number}, which is not Cartesian", "Export Cartesian positions."
-        )
-    return system
 
 
 def _systems(source: UniversalFile) -> dict[int, CoordinateSystem]:

@@ -60,6 +60,13 @@ def read_errors(path: Path, what: str, *, claims: bool = False) -> Iterator[None
         raise FileError(f"{path} cannot be read as {what}: {said}") from None
 
 
+def check_size(path: Path, what: str = "", limit: int = 8 * MOST_NUMBERS) -> None:
+    """Refuse a file of more bytes than the limit, too many for what it is."""
+    if path.stat().st_size > limit:
+        bound = f"larger than the {limit} bytes that are read"
+        raise FileError(f"{path} is {f'too large for {what}' if what else bound}")
+
+
 def check_claim(path: Path, shape: tuple[int, ...], entries: int | None = None) -> None:
     """Refuse a header that claims too much, before memory is allocated.
 

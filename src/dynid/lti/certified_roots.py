@@ -55,25 +55,11 @@ def certified_roots(
 ) -> tuple[CertifiedRoot, ...]:
     """Return the roots of an integer polynomial (flint `fmpz_poly`), smallest modulus first.
 
-    Parameters
-    ----------
-    polynomial
-        The polynomial; one over a field of irrational numbers (`FieldPolynomial`) is rounded to 320 bits, its
-        multiplicities and its roots on the imaginary axis kept.
-    starts
-        Approximate roots, such as the eigenvalues of state equations; they save time, and do not change the
-        result.
-    work
-        What it may cost (`dynid.lti.enclosures.EVALUATIONS`).
-
-    Raises
-    ------
-    NumericalError
-        Where a root other than 0 is outside the range of doubles, 1e-323 to 1e308.
-    Undecided
-        Where it costs more.
-    ValueError
-        For the zero polynomial, of which every number is a root.
+    A polynomial over a field of irrational numbers (`FieldPolynomial`) is rounded to 320 bits, its
+    multiplicities and its roots on the imaginary axis kept. `starts` are approximate roots, such as the
+    eigenvalues of state equations; they save time, and do not change the result. `work` limits the cost
+    (`dynid.lti.enclosures.EVALUATIONS`). `NumericalError` where a root other than 0 is outside the range of
+    doubles, 1e-323 to 1e308; `ValueError` for the zero polynomial, of which every number is a root.
     """
     from flint import fmpz_poly
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,7 +168,7 @@ def _roots_right(function: QuasiPolynomial, work: Work, line: float = 0.0) -> in
 
 def _count(balls: Balls, function: QuasiPolynomial, apart: Fraction, work: Work, line: float = 0.0) -> int:
     """Return the number of roots right of the line on which the balls are; D is at least `apart` there."""
-    from flint import acb, ctx
+    from flint import acb, arb, ctx, fmpq
 
     degree = max(int(polynomial.degree()) for polynomial in function.terms.values())
     with ctx.workprec(PRECISION):
@@ -182,7 +181,9 @@ def _count(balls: Balls, function: QuasiPolynomial, apart: Fraction, work: Work,
         turned = float(ratio.arg().mid()) + (degree - at_origin) * math.pi / 2
         if at_origin:  # around the origin on its right
             s = acb(0, start)
-            rest = balls.values(s)[0] / (s**at_origin * acb(_ball(function.taylor(at_origin))))
+            rest = balls.values(s)[0] / (
+                s**at_origin * acb(arb(fmpq(*function.taylor(at_origin).as_integer_ratio())))
+            )
             turned -= float(rest.arg().mid())
     if len(operator.terms) > 1:
         turned += _turns(AxisFunctions([operator]), operator, 0.0, top, work)[0]
@@ -192,12 +193,6 @@ def _count(balls: Balls, function: QuasiPolynomial, apart: Fraction, work: Work,
     if abs(count - nearest) > 1e-6:
         raise Undecided(f"the argument of the characteristic function sums up to {count:.3f} roots")
     return nearest
-
-
-def _ball(value: Fraction) -> Any:
-    from flint import arb, fmpq
-
-    return arb(fmpq(value.numerator, value.denominator))
 
 
 def lower_powers_below(parts: Iterable[tuple[Balls, float]], degree: int, limit: Fraction) -> float:
