@@ -238,13 +238,8 @@ def _settled(
             continue
         deviations = posterior.information.deviations()
         change, eta = np.abs(estimate.fit.eta - eta), estimate.fit.eta
-        settled = bool(
-            np.all(
-                change
-                <= np.maximum(_SETTLED_DEVIATIONS * deviations, _SETTLED_UNITS * likelihood.priors.units)
-            )
-        )
-        settled = settled and covering is likelihood
+        negligible = np.maximum(_SETTLED_DEVIATIONS * deviations, _SETTLED_UNITS * likelihood.priors.units)
+        settled = bool(np.all(change <= negligible)) and covering is likelihood
         if search_last and (settled or number == _MAX_REBUILDS):
             searching = _with(here, multi_start=True)
             if posterior.explained or searching == here:

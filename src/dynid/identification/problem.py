@@ -158,13 +158,11 @@ class Problem:
         """
         pairs = zip(self.measurements, values, strict=True)
         records = tuple(self._record(model, measurement, record) for measurement, record in pairs)
-        kinds = {type(record) for record in records}
-        kind = (
-            {TimeRecord: TimeLikelihood, FrfRecord: FrfLikelihood}.get(kinds.pop())
-            if len(kinds) == 1
-            else None
-        )
-        return Likelihood(records) if kind is None else kind(records)
+        if all(isinstance(record, TimeRecord) for record in records):
+            return TimeLikelihood(cast("tuple[TimeRecord, ...]", records))
+        if all(isinstance(record, FrfRecord) for record in records):
+            return FrfLikelihood(cast("tuple[FrfRecord, ...]", records))
+        return Likelihood(records)
 
     def _record(self, model: Model, measurement: Measured, values: RecordData) -> RecordLikelihood:
         """Return the likelihood of values of one measurement with a model."""

@@ -16,12 +16,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.defaults import WHITENESS
-from dynid.identification.statistics import (
-    autocovariances,
-    chi_squared_tail,
-    root_mean_square,
-    standardised,
-)
+from dynid.identification.statistics import autocovariances, chi_squared_tail, root_mean_square, standardised
 
 # Residuals below this part of the channel's RMS are explained whatever their colour (holds, reduced models).
 _SMALL_RESIDUAL_RATIO = 0.03

@@ -185,11 +185,7 @@ def _at_gain(plain: Likelihood, places: Places, log: float, eta: Array) -> Found
 
 
 def _likeliest_gain(
-    plain: Likelihood,
-    places: Places,
-    eta: Array,
-    bounds: tuple[float, float],
-    effort: Any,
+    plain: Likelihood, places: Places, eta: Array, bounds: tuple[float, float], effort: Any
 ) -> tuple[float, Found]:
     """Return the logarithm of the likeliest gain, with the estimate that belongs to it."""
     # The parameters are estimated anew for every gain, so that they take of it what they can.

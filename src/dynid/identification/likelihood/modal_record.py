@@ -19,12 +19,7 @@ from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.information import MODAL_SURVEY, Observed
 from dynid.identification.likelihood.paired_modes import PairedModes, paired_modes, real_parts
-from dynid.identification.likelihood.record_likelihood import (
-    HIDDEN,
-    RecordFit,
-    RecordLikelihood,
-    ScatterTest,
-)
+from dynid.identification.likelihood.record_likelihood import HIDDEN, RecordFit, RecordLikelihood, ScatterTest
 from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
 from dynid.identification.records.measurement import RecordData
 from dynid.identification.records.modal_measurement import ModalChannel, ModalMeasurement, channels_of

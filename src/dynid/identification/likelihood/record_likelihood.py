@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,18 +30,6 @@ from dynid.parameters import Parameter, rates, values
 HIDDEN = 0.05
 # Residuals below this part of a channel's RMS are rounding.
 _RESIDUAL_FLOOR = 1e-13
-
-
-class _NamedChannel(Protocol):
-    """A channel with a name and a unit."""
-
-    @property
-    def name(self) -> str:
-        """Name in results."""
-
-    @property
-    def unit(self) -> str:
-        """Unit, SI."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +119,8 @@ class RecordLikelihood(ABC):
         return RECORD
 
     @property
-    def channels(self) -> Sequence[_NamedChannel]:
-        """The channels."""
+    def channels(self) -> Sequence[Any]:
+        """The channels, with `name` and `unit`."""
         return ()
 
     @property

@@ -73,12 +73,7 @@ class Regressors:
 
     @classmethod
     def of(
-        cls,
-        kind: int,
-        pairs: Sequence[Array],
-        rows: int,
-        poles: Sequence[complex] = (),
-        span: float = 0.0,
+        cls, kind: int, pairs: Sequence[Array], rows: int, poles: Sequence[complex] = (), span: float = 0.0
     ) -> Regressors:
         """Return groups of columns of one kind; of poles over a record that spans so many seconds."""
         widths = [pair.shape[1] for pair in pairs]

@@ -14,12 +14,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Array
 from dynid.defaults import RECORD_SEARCH_WORK
 from dynid.identification.information import Information, information
-from dynid.identification.least_squares import (
-    STATE_RANK,
-    least_squares,
-    thin_svd,
-    triangular_factors,
-)
+from dynid.identification.least_squares import STATE_RANK, least_squares, thin_svd, triangular_factors
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.likelihood.saturated_model import (

@@ -163,10 +163,7 @@ def natural_frequencies(model: Model, system: LinearSystem, values: Mapping[str,
 
 
 def exact_bounds(
-    model: Model,
-    experiment: Experiment,
-    expected: ExpectedRecords,
-    loads: Sequence[Any],
+    model: Model, experiment: Experiment, expected: ExpectedRecords, loads: Sequence[Any]
 ) -> Array:
     """Return the relative bounds (p) of a record of the steady state under sines, initial state unknown."""
     measurement = experiment.measurement

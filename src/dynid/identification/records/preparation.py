@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,26 +46,6 @@ class Samples(NamedTuple):
     step: float
     start: float
     stride: int = 1
-
-
-class Preparation(Protocol):
-    """One step of a preparation.
-
-    `name` is its key in scenes, `refused` the signals that it cannot be applied to.
-    """
-
-    name: ClassVar[str]
-    refused: ClassVar[tuple[type, ...]]
-
-    @property
-    def description(self) -> str:
-        """Description of the step."""
-
-    def apply(self, samples: Samples) -> Samples:
-        """Return the prepared samples; both ends may be cut off."""
-
-    def gain(self, omega: Array, samples: Samples) -> Array:
-        """Return the gain on endless sines of these frequencies (rad/s)."""
 
 
 @dataclass(frozen=True)
@@ -201,6 +181,10 @@ class Decimate(_Filter):
     def apply(self, samples: Samples) -> Samples:
         """Return the filtered samples, of which fewer are kept."""
         return super().apply(samples)._replace(stride=samples.stride * self.factor)
+
+
+Preparation: TypeAlias = Detrend | BandPass | Decimate
+"""One step: its key in scenes, `name`, and the signals that it cannot be applied to, `refused`."""
 
 
 def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:

@@ -81,13 +81,7 @@ class FrfSystem:
         )
         names = [unknown.name for unknown in model.unknowns]
         instruments = Instruments.of(names, (), [function.channel for function in functions])
-        return cls(
-            system_of(model, loads, channels),
-            pairs,
-            instruments,
-            model,
-            tuple(functions),
-        )
+        return cls(system_of(model, loads, channels), pairs, instruments, model, tuple(functions))
 
     def response(self, omega: Array, eta: Array | None = None, *, slopes: bool = True) -> Response:
         """Return the responses at lines (L), rad/s, and their exact slopes by the coordinates.

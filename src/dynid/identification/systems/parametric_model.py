@@ -472,36 +472,25 @@ def unknowns_of(model: Model) -> tuple[Parameter, ...]:
     """
     if not model.unknowns:
         raise UsageError(
-            "no parameter is unknown",
-            remedy="Give a parameter, or a joint's k or c, a `start`.",
+            "no parameter is unknown", remedy="Give a parameter, or a joint's k or c, a `start`."
         )
     return model.unknowns
 
 
 def with_fixed(model: Model, fixed: Mapping[str, float]) -> Model:
     """Return a model in which unknown parameters are fixed at values, by name: both limits are the value."""
-    parameters = [
-        replace(
-            parameter,
-            start=fixed[parameter.name],
-            low=fixed[parameter.name],
-            high=fixed[parameter.name],
-            prior=None,
-        )
-        if parameter.name in fixed
-        else parameter
-        for parameter in model.parameters
-    ]
-    changed = model.with_parameters(parameters)
+
+    def fix(parameter: Any, value: float | None) -> Any:
+        same = value is None
+        return parameter if same else replace(parameter, start=value, low=value, high=value, prior=None)
+
+    changed = model.with_parameters([fix(old, fixed.get(old.name)) for old in model.parameters])
     if not isinstance(changed, StructuralModel):
         return changed
     joints = []
     for joint in changed.joints:
-        values = {term.letter: fixed[term.name] for term in joint.terms if term.name in fixed}
-        parts = {
-            letter: replace(getattr(joint, letter), start=value, low=value, high=value, prior=None)
-            for letter, value in values.items()
-        }
+        held = [term for term in joint.terms if term.name in fixed]
+        parts = {term.letter: fix(getattr(joint, term.letter), fixed[term.name]) for term in held}
         joints.append(replace(joint, **parts) if parts else joint)
     return changed.joined(joints)
 
