@@ -355,12 +355,8 @@ def time_question(
     if not (signals or model.initial):
         signals, where = model.excitation, "excitation"
     loads = loads_of(scene, where, signals, record, structure)
-    return {
-        "loads": loads,
-        "outputs": _outputs(model, structure),
-        "times": record.times,
-        **initial_motion(model, structure),
-    }
+    motion = initial_motion(model, structure)
+    return {"loads": loads, "outputs": _outputs(model, structure), "times": record.times, **motion}
 
 
 def which_modes(asked: ResponseModes) -> tuple[int | None, float | None]:

@@ -95,12 +95,7 @@ def experiments(
     return measured
 
 
-def _measurement(
-    scene: Scene[IdentificationScene],
-    record: RecordModel,
-    record_path: str,
-    model: Tested,
-) -> Measurement:
+def _measurement(scene: Scene, record: RecordModel, record_path: str, model: Tested) -> Measurement:
     """Return the channels and the samples of a record, or the noise of a simulated one."""
     from dynid.identification.records.measurement import Measurement
     from dynid.identification.records.noise import ColouredNoise

@@ -222,9 +222,13 @@ def _circular(
 ) -> Iterator[tuple[tuple[str, ...], str]]:
     """Yield the numbers of unknown and considered parameters that depend on such themselves."""
     for name, entry in raw.items():
-        for keys, text in _texts(entry):
+        keyed = mapping_of(entry).items()
+        numbers: dict[tuple[str, ...], Any] = {(str(key),): number for key, number in keyed if key != "scale"}
+        priors = mapping_of(mapping_of(entry).get("prior"))
+        numbers |= {("prior", str(key)): number for key, number in priors.items()}
+        for keys, text in numbers.items():
             try:
-                used = sorted(parse(text).names & dependent.keys())
+                used = sorted(parse(text).names & dependent.keys()) if isinstance(text, str) else []
             except ExpressionError:
                 continue  # reported where it is validated
             if used:
@@ -235,16 +239,6 @@ def _circular(
                 if used == [name]:
                     message = f"'{keys[-1]}' of '{name}' depends on '{name}' itself; write a number"
                 yield (name, *keys), message
-
-
-def _texts(entry: Any) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Yield the numbers of a parameter that are written as expressions."""
-    for key, value in mapping_of(entry).items():
-        if isinstance(value, str) and key != "scale":
-            yield (str(key),), value
-        if key == "prior":
-            entries = ((key, str(inner), text) for inner, text in mapping_of(value).items())
-            yield from (((str(key), inner), text) for key, inner, text in entries if isinstance(text, str))
 
 
 #: Blocks that describe a frequency axis: where there is one, its unit is that of the scene.

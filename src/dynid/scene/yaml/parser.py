@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, NamedTuple, NoReturn
 
@@ -149,23 +150,23 @@ class _StopError(Exception):
     """Parsing ends here; the faults say why."""
 
 
+_AWAITED = object()  # the mapping's next node is a key
+_DROPPED = object()  # the key was at fault: its value is read and discarded
+
+
+@dataclass(slots=True)
 class _OpenCollection:
     """A list or mapping that is still open; a `path` of None means that it is discarded."""
 
-    __slots__ = ("anchor", "container", "halves", "height", "key", "key_place", "path", "seen", "start")
-
-    def __init__(
-        self, container: list[Any] | dict[Key, Any], path: Path | None, anchor: str | None, start: int
-    ):
-        self.container = container
-        self.path = path
-        self.anchor = anchor
-        self.start = start
-        self.height = 1
-        self.key: Any = _AWAITED
-        self.key_place: Place = (1, 1)
-        self.seen: dict[str, int] = {}
-        self.halves: _Halves | None = None
+    container: list[Any] | dict[Key, Any]
+    path: Path | None
+    anchor: str | None
+    start: int
+    height: int = 1
+    key: Any = _AWAITED
+    key_place: Place = (1, 1)
+    seen: dict[str, int] = field(default_factory=dict)
+    halves: _Halves | None = None
 
     def awaits_key(self) -> bool:
         return isinstance(self.container, dict) and self.key is _AWAITED
@@ -178,10 +179,6 @@ class _Halves(NamedTuple):
     second: str
     place: Place
     faults: int
-
-
-_AWAITED = object()  # the mapping's next node is a key
-_DROPPED = object()  # the key was at fault: its value is read and discarded
 
 
 def parse_yaml(text: str, file: str) -> tuple[Any, dict[Path, Positions], list[Fault]]:
