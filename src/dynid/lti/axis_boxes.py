@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from math import comb
 
 import numpy as np
+from flint import arb
 from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
@@ -168,8 +169,6 @@ def _sum(parts: list[tuple[Expansion, float]], middle: Array) -> Sum:
 
 def _scaled(polynomials: Sequence[object], degree: int) -> tuple[float, NDArray[np.float64]]:
     """Return a scale of frequencies, and coefficients in its powers, divided by the largest."""
-    from flint import arb
-
     rows = [[abs(polynomial[k].real) for k in range(degree + 1)] for polynomial in polynomials]  # type: ignore[index]
     sizes = [max((row[k] for row in rows), key=float_log) for k in range(degree + 1)]
     present = [(k, float_log(size)) for k, size in enumerate(sizes) if size != 0]
@@ -188,8 +187,6 @@ def _scaled(polynomials: Sequence[object], degree: int) -> tuple[float, NDArray[
 
 def float_log(size: object) -> float:
     """Return the binary logarithm of a ball's middle (flint `arb`), -inf of 0."""
-    from flint import arb
-
     middle = size.mid()  # type: ignore[attr-defined]
     return float((middle.log() / arb(2).log()).mid()) if middle > 0 else -np.inf
 

@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from flint import acb, arb, ctx
 from numpy.typing import NDArray
 
 from dynid.arrays import Array
@@ -57,8 +58,6 @@ def delay_margins(
     Numerator and denominator have no common factor; `verdict` on the closed loop, where it is known; `search`
     limits the cost, in terms on intervals of frequencies.
     """
-    from flint import ctx
-
     verdict = verdict or stability(numerator + denominator)
     margins = dict.fromkeys(_SEARCHED, math.nan)
     loop, reasons = _Loop(numerator, denominator, search // 4), dict[str, None]()
@@ -134,8 +133,6 @@ class _Loop:
         return critical_gains(*self.operators)
 
     def __call__(self, omega: float) -> complex:
-        from flint import acb
-
         s = acb(0, omega)
         value = self.top.balls.values(s)[0] / self.bottom.balls.values(s)[0]
         return complex(float(value.real.mid()), float(value.imag.mid()))
@@ -184,8 +181,6 @@ class _Loop:
             return list((top.total.value / bottom.total.value).tolist())
 
     def _difference_at(self, omega: Any) -> tuple[Any, Any]:
-        from flint import acb
-
         (a, da), (b, db) = (function.balls.values(acb(0, omega), 2) for function in (self.top, self.bottom))
         size = a.real**2 + a.imag**2 - b.real**2 - b.imag**2
         # d|A|²/dω = 2 Re(conj(A) j A') = 2 (Im A Re A' - Re A Im A')
@@ -197,8 +192,6 @@ class _Loop:
         omega: float, function: Callable[[Any], tuple[Any, Any]], near: float = _REFINED_MARGIN_RTOL
     ) -> float:
         """Return a zero to all digits by Newton's method; the first value where it does not stay near."""
-        from flint import arb
-
         at = arb(omega)
         for _ in range(_NEWTON_STEPS):
             value, slope = function(at)
@@ -289,8 +282,6 @@ class _Loop:
         return best
 
     def _imaginary_at(self, omega: Any) -> tuple[Any, Any]:
-        from flint import acb
-
         (a, da), (b, db) = (function.balls.values(acb(0, omega), 2) for function in (self.top, self.bottom))
         # of A conj(B), whose derivative by ω is j A' conj(B) + A conj(j B')
         value = a.imag * b.real - a.real * b.imag
@@ -346,8 +337,6 @@ class _Loop:
 
     def _slope(self, function: QuasiPolynomial, at: Any) -> tuple[Any, Any]:
         """Return the first two derivatives of log |part/(A + B)| by ω."""
-        from flint import acb
-
         slope, bend = acb(0), acb(0)
         for balls, sign in ((function.balls, 1), (self.closed.balls, -1)):
             value, first, second = balls.values(acb(0, at), 3)

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
 import numpy as np
+from flint import acb, arb, ctx, fmpq, fmpz_poly
 from numpy.typing import NDArray
 
 from dynid.arrays import Array
@@ -117,8 +118,6 @@ def _fast_zeros(closed: QuasiPolynomial, work: Work) -> int:
 
 def _operator_zeros(closed: QuasiPolynomial, work: Work, line: float = 0.0) -> tuple[int, Fraction]:
     """Return the zeros exp(-s h) of the difference operator, Re s > `line`, and its least size there."""
-    from flint import fmpz_poly
-
     degree = max(int(polynomial.degree()) for polynomial in closed.terms.values())
     operator = QuasiPolynomial(
         {
@@ -168,8 +167,6 @@ def _roots_right(function: QuasiPolynomial, work: Work, line: float = 0.0) -> in
 
 def _count(balls: Balls, function: QuasiPolynomial, apart: Fraction, work: Work, line: float = 0.0) -> int:
     """Return the number of roots right of the line on which the balls are; D is at least `apart` there."""
-    from flint import acb, arb, ctx, fmpq
-
     degree = max(int(polynomial.degree()) for polynomial in function.terms.values())
     with ctx.workprec(PRECISION):
         top = lower_powers_below([(balls, 1.0)], degree, apart / 2)
@@ -283,8 +280,6 @@ def _change(functions: AxisFunctions, low: Array, high: Array, work: Work, *, pr
 
 def _ball_turns(balls: Balls, start: float, top: float, work: Work) -> Iterator[float]:
     """Yield the changes of the argument of Q(jω) over parts of an interval, in ball arithmetic."""
-    from flint import acb, arb, ctx
-
     with ctx.workprec(PRECISION):
         intervals = [(arb(start), arb(top))]
         while intervals:

@@ -20,6 +20,7 @@ from itertools import compress, product
 from typing import Any
 
 import numpy as np
+from flint import Ordering, fmpq, fmpq_poly, fmpz_mpoly_ctx
 
 from dynid.errors import Undecided
 from dynid.lti.axis_boxes import Work
@@ -73,8 +74,6 @@ def separation(coefficients: Coefficients, work: Work | None = None) -> Fraction
 
 def _factors(coefficients: Coefficients, variables: list[Hashable]) -> list[dict[frozenset[Any], Fraction]]:
     """Return the factors of D, without common variables: those of loops that are apart."""
-    from flint import Ordering, fmpz_mpoly_ctx
-
     context = fmpz_mpoly_ctx.get([f"q{number}" for number in range(len(variables))], Ordering.lex)
     scale = math.lcm(*(value.denominator for value in coefficients.values()))
     powers = {
@@ -276,8 +275,6 @@ def _touching_gains(
     smaller: Coefficients, larger: Coefficients, variables: list[Hashable]
 ) -> Iterator[float]:
     """Yield the gains at which the least |a|² - |b|² of b + k a may have a double zero between ±1."""
-    from flint import fmpq, fmpq_poly
-
     from dynid.lti.certified_roots import certified_roots
 
     exact = dict[frozenset[Any], Any]()

@@ -13,6 +13,8 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from flint import Ordering, acb, acb_poly, arb, ctx, fmpq, fmpz_mpoly_ctx, fmpz_poly
+
 #: Working precision, bits.
 PRECISION = 160
 #: Relative size of a step that ends Newton's method.
@@ -99,8 +101,6 @@ class QuasiPolynomial:
 
     def __call__(self, s: complex) -> complex:
         """Return its value, rounded."""
-        from flint import acb, ctx
-
         with ctx.workprec(PRECISION):
             value = self.balls.values(acb(s.real, s.imag))[0]
             return complex(float(value.real.mid()), float(value.imag.mid()))
@@ -108,8 +108,6 @@ class QuasiPolynomial:
 
 def common_factor(parts: Iterable[QuasiPolynomial]) -> Any:
     """Return the greatest common divisor of all polynomials of some quasi-polynomials."""
-    from flint import fmpz_poly
-
     polynomials = [polynomial for terms in parts for polynomial in terms.terms.values()]
     if not polynomials:
         return fmpz_poly([1])
@@ -124,8 +122,6 @@ def coprime(first: QuasiPolynomial, second: QuasiPolynomial) -> tuple[QuasiPolyn
 
     They are polynomials in s and in one variable exp(-s τ) for each loop.
     """
-    from flint import Ordering, fmpz_mpoly_ctx, fmpz_poly
-
     loops = sorted(set().union(*first.products, *second.products))
     context = fmpz_mpoly_ctx.get(["s", *(f"q{number}" for number in range(len(loops)))], Ordering.lex)
     parts = [
@@ -171,8 +167,6 @@ class Balls:
     @classmethod
     def of(cls, function: QuasiPolynomial, line: float = 0.0, precision: int = PRECISION) -> Balls:
         """Return a quasi-polynomial as a function of s - line."""
-        from flint import acb, acb_poly, arb, ctx, fmpq
-
         terms = []
         with ctx.workprec(precision):
             for delay, polynomial in function.terms.items():
@@ -186,8 +180,6 @@ class Balls:
     @classmethod
     def constant(cls, balls: Balls, degree: int) -> Balls:
         """Return the terms with the coefficients of s^degree alone."""
-        from flint import acb_poly
-
         none = acb_poly([])
         terms = [
             _Term(term.delay, (acb_poly([term.polynomials[0][degree]]), none, none))
@@ -198,8 +190,6 @@ class Balls:
 
     def values(self, s: Any, orders: int = 1) -> list[Any]:
         """Return enclosures of value and derivatives at a ball (flint `acb`)."""
-        from flint import acb
-
         derivatives = [acb(0) for _ in range(orders)]
         for term in self.terms:
             delay, factor = term.delay, (-s * term.delay).exp()
@@ -228,8 +218,6 @@ def refined_root(function: QuasiPolynomial, start: complex) -> RefinedRoot | Non
 
     That a simple root lies within the radius is proved by the interval Newton operator.
     """
-    from flint import acb, arb, ctx
-
     with ctx.workprec(PRECISION):
         balls, s = function.balls, acb(start.real, start.imag)
         for _ in range(60):
@@ -261,8 +249,6 @@ def refined_root(function: QuasiPolynomial, start: complex) -> RefinedRoot | Non
 
 def on_axis(top: QuasiPolynomial, bottom: QuasiPolynomial, omega: Iterable[float]) -> list[complex]:
     """Return a quotient at s = jω to full double precision; inf at a pole."""
-    from flint import acb, ctx
-
     roots = []
     for at in omega:
         for precision in (PRECISION, 8 * PRECISION, 64 * PRECISION):
