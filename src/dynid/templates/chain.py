@@ -52,12 +52,7 @@ def chain(stages: Sequence[Stage]) -> BondGraph:
     Its nodes are `force`, and for stage i the 1-junction `v<i>` with the mass `m<i>`; the spring `k<i>`
     and the damper `b<i>` share the flow of the 1-junction `w<i>`, the rate at which the joint shortens,
     which is tied to the 0-junction `j<i>` that carries its force. Those of the last stage, which ends at
-    ground, are on its `v<i>`.
-
-    Parameters
-    ----------
-    stages
-        The stages, from the force to the ground.
+    ground, are on its `v<i>`. The stages go from the force to the ground.
     """
     nodes, bonds = [Node(FORCE, "Se")], [Bond(FORCE, "v1")]
     for index, stage in enumerate(stages, start=1):
@@ -79,15 +74,7 @@ def last_velocity(stages: int) -> Port:
 
 
 def chain_scene(stages: int, *, vary: bool = False) -> str:
-    """Return the scene of a chain, from the force on the first mass to the velocity of the last.
-
-    Parameters
-    ----------
-    stages
-        Number of stages.
-    vary
-        True to give every stage values of its own.
-    """
+    """Return the scene of a chain, to the velocity of the last mass; `vary` gives every stage its values."""
     parts = distinct(stages) if vary else uniform(stages)
     graph, nodes = chain(parts), []
     for node in graph.nodes.values():

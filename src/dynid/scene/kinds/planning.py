@@ -50,18 +50,11 @@ def run_plan(
             remedy="Add the block 'measurement' with step, samples and channels.",
             names=("kind",),
         )
-    if model.measurement.modes is not None:
-        raise UsageError(
-            "a plan is for a record of time; this measurement has modes",
-            remedy="Give step, samples and channels of a record that could be taken instead of 'modes'.",
-            names=("measurement.modes",),
-        )
-    if model.measurement.frf is not None:
-        raise UsageError(
-            "a plan is for a record of time; this measurement is of frequency responses",
-            remedy="Give step, samples and channels of a record that could be taken instead of 'frf'.",
-            names=("measurement.frf",),
-        )
+    for key, what in (("modes", "has modes"), ("frf", "is of frequency responses")):
+        if getattr(model.measurement, key) is not None:
+            remedy = f"Give step, samples and channels of a record that could be taken instead of '{key}'."
+            problem = f"a plan is for a record of time; this measurement {what}"
+            raise UsageError(problem, remedy=remedy, names=(f"measurement.{key}",))
     reduced, records, truth, _ = prospect(scene)
     labelled = reduced if isinstance(reduced, IdentifiedGraph | StructuralModel) else None
     structure = labelled if isinstance(labelled, StructuralModel) else None

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import ValidationError, ValidationInfo
 from pydantic_core import InitErrorDetails, PydanticCustomError
@@ -140,92 +140,62 @@ def _in_range(quantity: Quantity, exact: bool) -> Quantity:
     return quantity
 
 
-def _any(value: Number) -> bool:  # noqa: ARG001
-    return True
+class _Range(NamedTuple):
+    """The values that a quantity may have, what is wrong with others, and the keywords of JSON Schema."""
+
+    holds: Callable[[Number], bool]
+    message: str
+    bounds: dict[str, int]
 
 
-def _positive(value: Number) -> bool:
-    return value > 0
+_ANY = _Range(lambda _: True, "", {})
+_POSITIVE = _Range(lambda value: value > 0, "is not positive", {"exclusiveMinimum": 0})
+_NOT_NEGATIVE = _Range(lambda value: value >= 0, "is negative", {"minimum": 0})
 
 
-def _not_negative(value: Number) -> bool:
-    return value >= 0
-
-
-def _where(
-    condition: Callable[[Number], bool],
-    message: str = "",
-    *,
-    uncertain: bool = False,
-    signed: bool = False,
-    remedy: str = "",
-) -> Callable[[Any, ValidationInfo], Quantity]:
-    """Return the check of a quantity.
+class _In:
+    """Annotation of a quantity in a range, without the cost of pydantic's own validators in dumping.
 
     `uncertain`: it may depend on unknown and considered parameters; `signed`: a value that depends on a
-    parameter of `scale: linear` need not fulfil the condition; `remedy`: what to write instead.
+    parameter of `scale: linear` need not lie in the range; `remedy`: what to write instead.
     """
 
-    def check(raw: Any, info: ValidationInfo) -> Quantity:
+    def __init__(
+        self, values: _Range, *, uncertain: bool = False, signed: bool = False, remedy: str = ""
+    ) -> None:
+        self._values, self._uncertain, self._signed, self._remedy = values, uncertain, signed, remedy
+
+    def _check(self, raw: Any, info: ValidationInfo) -> Quantity:
         quantity = resolve(raw, info)
-        depends = quantity.dependent.names if signed and quantity.dependent is not None else ()
-        if not condition(quantity.value) and names_of(info).signed.isdisjoint(depends):
-            raise fault(f"{float(quantity):g} {message}")
-        if quantity.dependent is not None and not uncertain:
-            names = sorted(quantity.dependent.names)
-            shown = ", ".join(f"'{name}'" for name in names[:3]) + ", …" * (len(names) > 3)
-            raise fault(
-                (
-                    f"this depends on {shown}, unknown or known with uncertainty; "
-                    "here a number belongs, or an expression of known parameters"
-                )
-                + remedy
+        depends = quantity.dependent.names if quantity.dependent is not None else frozenset()
+        signed = self._signed and not names_of(info).signed.isdisjoint(depends)
+        if not (signed or self._values.holds(quantity.value)):
+            raise fault(f"{float(quantity):g} {self._values.message}")
+        if depends and not self._uncertain:
+            shown = ", ".join(f"'{name}'" for name in sorted(depends)[:3]) + ", …" * (len(depends) > 3)
+            message = (
+                f"this depends on {shown}, unknown or known with uncertainty; here a number belongs, or "
             )
+            raise fault(f"{message}an expression of known parameters{self._remedy}")
         return quantity
-
-    return check
-
-
-class _By:
-    """Annotation of the function that validates a field, without the cost of pydantic's own in dumping.
-
-    `bounds` are those of its values, in the keywords of JSON Schema.
-    """
-
-    def __init__(self, check: Callable[[Any, ValidationInfo], Quantity], **bounds: int) -> None:
-        self._check, self._bounds = check, bounds
 
     def __get_pydantic_core_schema__(self, _source: Any, _handler: Any) -> CoreSchema:
         return with_info_plain_validator_function(self._check)
 
     def __get_pydantic_json_schema__(self, _schema: CoreSchema, _handler: Any) -> dict[str, Any]:
         text = "a number, a parameter or an expression"
-        return {"type": ["number", "string"], **self._bounds, "description": text}
+        return {"type": ["number", "string"], **self._values.bounds, "description": text}
 
 
-Value = Annotated[Quantity, _By(_where(_any))]
-Positive = Annotated[Quantity, _By(_where(_positive, "is not positive"), exclusiveMinimum=0)]
-NotNegative = Annotated[Quantity, _By(_where(_not_negative, "is negative"), minimum=0)]
+Value = Annotated[Quantity, _In(_ANY)]
+Positive = Annotated[Quantity, _In(_POSITIVE)]
+NotNegative = Annotated[Quantity, _In(_NOT_NEGATIVE)]
 
 # Quantities of models, which may depend on unknown and considered parameters.
-Uncertain = Annotated[Quantity, _By(_where(_any, uncertain=True))]
-UncertainPositive = Annotated[
-    Quantity, _By(_where(_positive, "is not positive", uncertain=True), exclusiveMinimum=0)
-]
-UncertainNotNegative = Annotated[
-    Quantity, _By(_where(_not_negative, "is negative", uncertain=True), minimum=0)
-]
-UncertainSpring = Annotated[
-    Quantity, _By(_where(_not_negative, "is negative", uncertain=True, signed=True), minimum=0)
-]
+Uncertain = Annotated[Quantity, _In(_ANY, uncertain=True)]
+UncertainPositive = Annotated[Quantity, _In(_POSITIVE, uncertain=True)]
+UncertainNotNegative = Annotated[Quantity, _In(_NOT_NEGATIVE, uncertain=True)]
+UncertainSpring = Annotated[Quantity, _In(_NOT_NEGATIVE, uncertain=True, signed=True)]
 """A stiffness, damping or factor: not negative, but where it depends on a parameter of `scale: linear`."""
-Start = Annotated[
-    Quantity,
-    _By(
-        _where(
-            _positive, "is not positive", remedy="; to share an unknown, write its name alone, as `k: kb`"
-        ),
-        exclusiveMinimum=0,
-    ),
-]
+Start = Annotated[Quantity, _In(_POSITIVE, remedy="; to share an unknown, write its name alone, as `k: kb`")]
 """The start of an unknown that has no name of its own."""
