@@ -62,7 +62,7 @@ def errors(experiment):
     return np.abs(estimate / [K, C] - 1)
 
 
-FORCE = Random(10.0, 3, STEP, SAMPLES, (2.0, 60.0)).sampled(
+FORCE = Random(10.0, 3, STEP, SAMPLES, band=(2.0, 60.0)).sampled(
     recorded(Sine(), np.ones((SAMPLES, 2))).measurement.record
 )
 TIMES = STEP * np.arange(SAMPLES)[:, None]
