@@ -245,18 +245,15 @@ class RootFamily:
         if key not in self._known:
             block = max(1, _BLOCK_DISTANCES // len(self.reference.values) ** 2)
             parts = [self._assigned(etas[k : k + block]) for k in range(0, len(etas), block)]
-            self._known[key] = self._merged(np.concatenate(parts))
+            tracked = self._known[key] = np.concatenate(parts)
+            # Those that round-off does not resolve are in their centre.
+            for places, centre, radius in self.reference.clusters:
+                roots = tracked[:, places]
+                mean = roots.mean(axis=1)
+                mean = mean.real.astype(np.complex128) if centre.imag == 0 else mean
+                close = (np.abs(roots - mean[:, None]) <= _CLUSTER_RADII * radius).all(axis=1)
+                tracked[np.ix_(close, places)] = mean[close, None]
         return self._known[key]
-
-    def _merged(self, tracked: ComplexArray) -> ComplexArray:
-        """Return roots at coordinates (S x m) with those that round-off does not resolve in their centre."""
-        for places, centre, radius in self.reference.clusters:
-            roots = tracked[:, places]
-            mean = roots.mean(axis=1)
-            mean = mean.real.astype(np.complex128) if centre.imag == 0 else mean
-            close = (np.abs(roots - mean[:, None]) <= _CLUSTER_RADII * radius).all(axis=1)
-            tracked[np.ix_(close, places)] = mean[close, None]
-        return tracked
 
     def _assigned(self, etas: Array) -> ComplexArray:
         """Return the roots at coordinates (S x m) in the order of those at the mean."""

@@ -120,7 +120,12 @@ def chained(
     sweep: list[Pass] = []
     first = likelihood.priors.combined(priors[0])
     for k, (record, prior) in enumerate(zip(likelihood.records, priors, strict=True)):
-        before = _continued(prior, sweep[-1]) if sweep else first
+        before = first
+        if sweep:  # the prior of the first state, with coordinates as the pass before left them
+            n, root = len(prior.state), np.zeros_like(prior.root)
+            for here, rows in ((slice(n), prior.root[:n]), (slice(n, None), sweep[-1].root)):
+                root[here, here] = np.linalg.qr(rows.T).R.T  # triangular
+            before = InitialState(prior.state, sweep[-1].eta[-1], root)
         sweep.append(thinned(passed(k, record, before)))
     return sweep
 
@@ -160,15 +165,6 @@ def _unit_prior(record: TimeRecord, fit: RecordFit) -> InitialState:
     share = np.zeros(len(root))
     share[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
     return InitialState(fit.predicted.start, fit.eta, root @ (Vt.T / np.sqrt(1 + share)))
-
-
-def _continued(prior: InitialState, history: Pass) -> InitialState:
-    """Return the prior of the first state of a record with coordinates as the pass before left them."""
-    n, size = len(prior.state), len(prior.root)
-    root = np.zeros((size, size))
-    for here, rows in ((slice(n), prior.root[:n]), (slice(n, None), history.root)):
-        root[here, here] = np.linalg.qr(rows.T).R.T  # triangular
-    return InitialState(prior.state, history.eta[-1], root)
 
 
 def _floored(record: TimeRecord, noise: Array) -> Array:

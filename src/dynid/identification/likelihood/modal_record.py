@@ -87,8 +87,14 @@ class ModalRecord(RecordLikelihood):
         """
         left_out = self.left_out if left_out is None else left_out
         record = replace(self, error=error, left_out=left_out)
-        columns = [values.copy() for values in self._columns]
+        survey = self.measurement
+        columns = [survey.omega.copy()]
         columns[0][list(left_out)] = np.nan
+        if survey.has_damping:
+            assert survey.damping is not None
+            columns.append(survey.damping)
+        if len(survey.dofs):
+            columns.append(real_parts(survey.shapes))
         values = _side_by_side([a / b for a, b in zip(columns, record.spread, strict=True)])
         return replace(record, data=RecordData(values, given=np.ones(values.shape[1])))
 
@@ -139,17 +145,6 @@ class ModalRecord(RecordLikelihood):
         return int(shapes) * (2 if self.measurement.complex_shapes else 1)
 
     # Values and their deviations.
-
-    @cached_property
-    def _columns(self) -> list[Array]:
-        """Measured values of each quantity: r frequencies, r damping ratios, the shapes' components."""
-        columns = [self.measurement.omega]
-        if self.measurement.has_damping:
-            assert self.measurement.damping is not None
-            columns.append(self.measurement.damping)
-        if len(self.measurement.dofs):
-            columns.append(real_parts(self.measurement.shapes))
-        return columns
 
     @cached_property
     def scatter_and_size(self) -> list[tuple[Array, Array]]:
