@@ -259,10 +259,7 @@ def sqrt(value: Real) -> Any:
 
 
 def _ordered(number: Dependent, done: Container[int]) -> list[Dependent]:
-    """Return the dependent numbers that one is computed from, operands before results, itself last.
-
-    Those whose id is among `done` are left out, with their operands.
-    """
+    """Return the dependent numbers that one is computed from, itself last; those `done` by id left out."""
     order: list[Dependent] = []
     seen: set[int] = set()
     stack: list[tuple[Dependent, bool]] = [(number, False)]

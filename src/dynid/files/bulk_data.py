@@ -256,10 +256,7 @@ def read_cards(path: Path, kept: Set[str], reference: Reference = check_referenc
 
 
 def _lines(path: Path, reference: Reference, depth: int, size: list[int]) -> Iterator[str]:
-    """Yield the lines of bulk data in a file and those that it includes, without comments.
-
-    The commands above ``BEGIN BULK`` are left out; files without it are bulk data from their first line.
-    """
+    """Yield the lines of bulk data, included ones too, without comments and what is above ``BEGIN BULK``."""
     with open_included(path, depth, size) as stream:
         above = depth == 0 and any(re.match(r"\s*BEGIN\s+BULK", line, re.IGNORECASE) for line in stream)
         stream.seek(0)
@@ -348,11 +345,7 @@ def _form(head: Card | None) -> tuple[int, int]:
 def _columns(
     cards: Mapping[str, Sequence[Card]],
 ) -> tuple[dict[str, Card], dict[str, list[tuple[int, int, int, int, float]]]]:
-    """Return the first cards of matrices, and their entries, by name.
-
-    A column is ``name, node, component, (blank)``, then ``node, component, A, B`` of each entry; a card of a
-    name with 0 as node says the form and the type.
-    """
+    """Return the first cards of matrices (node 0: form and type), and their entries, by name."""
     heads: dict[str, Card] = {}
     entries: dict[str, list[tuple[int, int, int, int, float]]] = {}
     for card in cards.get("DMIG", ()):

@@ -174,7 +174,7 @@ def read_triplets(path: Path) -> ImportedMatrix:
 
 
 def _opening(path: Path) -> tuple[str, list[str]]:
-    """Return the mark of comments, and the words of the first line that is none."""
+    """Return the mark of comments, and the words of the first other line; refuse a banner behind it."""
     comment = ""
     with path.open(encoding="utf-8") as lines:
         for line in lines:
@@ -195,12 +195,7 @@ def _opening(path: Path) -> tuple[str, list[str]]:
 
 
 def _refuse_doubtful(path: Path, comment: str, first: list[str], ends: NDArray[np.int64]) -> None:
-    """Refuse a first line that looks like a size line above another number of entries.
-
-    It does where its entry stands once more below, where only its own value is written as a whole number, or
-    where nothing stands below.
-    An entry of a triplet file is taken for one otherwise.
-    """
+    """Refuse a first line that looks like a size line above another number of entries."""
     again = bool(np.any(np.all(ends[1:] == ends[0], axis=1)))
     alone = len(ends) == 1 and ends.max() > 1
     only_whole_value = False  # True where all values but the first are written with a point or an exponent

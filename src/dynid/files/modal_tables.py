@@ -167,10 +167,7 @@ def _name_and_unit(table: DataTable, column: int) -> tuple[str, str]:
 
 
 def _factors(file: DataFile, stated: Mapping[str, str], unit: str) -> dict[str, float]:
-    """Return the factors of quantities to ratios, rad^2/s^2, and `unit` of frequencies; of no unit none.
-
-    A scatter without a unit is in that of its quantity.
-    """
+    """Return the factors of stated units to ratios, rad^2/s^2, and `unit`; scatter has that of its value."""
     factors = {}
     for key, unit_of_key in stated.items():
         quantity = key.removesuffix("_std")

@@ -133,10 +133,7 @@ def _op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
 
 @contextmanager
 def _reading_op4(path: Path) -> Iterator[None]:
-    """Check the records of a file, and turn pyyeti's warnings about it, too, into errors.
-
-    At a file that ends too early pyyeti warns, and returns what it has read so far: often zeros.
-    """
+    """Check the records of a file, and turn pyyeti's warnings of a truncated one, too, into errors."""
     with read_errors(path, "Nastran OUTPUT4", claims=True), warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         _check_records(path)
@@ -144,11 +141,7 @@ def _reading_op4(path: Path) -> Iterator[None]:
 
 
 def _check_records(path: Path) -> None:
-    """Refuse a binary file whose records are not as long as they say, or that ends within a matrix.
-
-    Each record stands between two counts of its bytes. A matrix starts with one of its sizes and its name,
-    and ends with a record of the column behind its last.
-    """
+    """Refuse a binary file whose records lack the counts around them, or that ends within a matrix."""
     with path.open("rb") as stream:
         start = stream.read(4)
         orders: tuple[Literal["little", "big"], ...] = ("little", "big")

@@ -96,10 +96,7 @@ def _block(path: Path, kind: str, cells: Places, xyz: Array) -> Block:
 
 
 def _bent(kind: str, cells: Places, xyz: Array) -> float:
-    """Return how far the nodes of hexahedra are in all from where they lie between their corners.
-
-    Other programs write Exodus in its own order of nodes, meshio in that of VTK.
-    """
+    """Return how far the nodes of hexahedra are in all from where they lie between their corners."""
     ends = ELEMENTS[kind].nodes
     near = np.abs(ends[:, None] - ends[None, :8]).max(axis=2) < 1
     mean = near / near.sum(axis=1, keepdims=True)
@@ -107,10 +104,7 @@ def _bent(kind: str, cells: Places, xyz: Array) -> float:
 
 
 def _numbers(path: Path, xyz: Array) -> tuple[int, ...] | None:
-    """Return the numbers of the nodes in a file, which meshio drops; None where they cannot be read.
-
-    In formats without numbers they are 1 … n.
-    """
+    """Return the numbers of the nodes in a file, which meshio drops; None where they cannot be read."""
     if path.suffix.lower() not in _EXODUS:
         return tuple(range(1, len(xyz) + 1))
     numbers: Sequence[Any] | None = None

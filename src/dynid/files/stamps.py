@@ -99,10 +99,7 @@ def printed_resolution(fields: Iterable[str]) -> NDArray[np.float64]:
 def _step_disagreement(
     times: NDArray[np.float64], step: float, resolution: NDArray[np.float64]
 ) -> StepDisagreement | None:
-    """Return the disagreement of times, rounded to `resolution`, with a step; None where they agree.
-
-    They do if they are evenly spaced to a thousandth of a step, and their mean step is right to a millionth.
-    """
+    """Return the disagreement of times, rounded to `resolution`, with a step; None where they agree."""
     rows = np.flatnonzero(~np.isnan(times))
     if len(rows) < 2:
         return None

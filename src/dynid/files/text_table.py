@@ -139,10 +139,7 @@ def _timed_by_stamps(table: DataTable, stamped: dict[int, list[str]], timed: int
 
 
 def _are_names(fields: list[str]) -> bool:
-    """Return True if the fields of a line are names: no sample is taken for one.
-
-    Names may be whole numbers (`time,1,2`), but the first starts with none.
-    """
+    """Return True if the fields of a line are names: they may be whole numbers, but not the first."""
     leading = next((field for field in fields if field), "")
     return (
         not _reads(_number, leading)
@@ -353,7 +350,7 @@ def _joined(fields: list[str]) -> list[str]:
 
 
 def _find_dialect(file: DataFile, rows: Lines) -> _Dialect:
-    """Return the dialect of a table."""
+    """Return the dialect of a table, refused where commas could be read in two ways."""
     dialect = _separated(file, rows)
     if dialect.separator is not None or len(rows) < 2:
         return dialect
@@ -407,10 +404,7 @@ def _separated(file: DataFile, rows: Lines) -> _Dialect:
 
 
 def _with_commas(file: DataFile, rows: Lines) -> _Dialect:
-    """Return the dialect of a table with commas, which separate or are decimal, and no other separators.
-
-    Where both is possible, it is refused.
-    """
+    """Return the dialect of a table with commas, which separate or are decimal, and no other marks."""
     separating, decimal = _Dialect(","), _Dialect(None, comma=True)
     header = (
         len(rows) > 1 and not _is_numeric(separating, rows[0][1]) and not _is_numeric(decimal, rows[0][1])

@@ -327,10 +327,7 @@ class FileUnits(NamedTuple):
 
 
 class _FunctionUnits(NamedTuple):
-    """Unit of a function by its `label` and by the `record` of units; `doubt` where these contradict.
-
-    Texts are empty where the file says nothing.
-    """
+    """Unit of a function by its `label` and the `record` of units (empty: none), and why in doubt."""
 
     label: str = ""
     record: str = ""

@@ -68,22 +68,7 @@ def check_size(path: Path, what: str = "", limit: int = 8 * MOST_NUMBERS) -> Non
 
 
 def check_claim(path: Path, shape: tuple[int, ...], entries: int | None = None) -> None:
-    """Refuse a header that claims too much, before memory is allocated.
-
-    Parameters
-    ----------
-    path
-        The file.
-    shape
-        Rows and columns.
-    entries
-        The number of entries of a sparse matrix; default: it is dense.
-
-    Raises
-    ------
-    FileError
-        If it is more than is read.
-    """
+    """Refuse a header that claims more than is read; a sparse matrix has so many `entries`."""
     numbers = max(shape[0], shape[-1], entries) if entries is not None else int(np.prod(shape, dtype=object))
     if numbers > MOST_NUMBERS:
         size = f"{' x '.join(map(str, shape))}{f' with {entries} entries' if entries is not None else ''}"
@@ -94,13 +79,7 @@ def check_claim(path: Path, shape: tuple[int, ...], entries: int | None = None) 
 
 
 def check_backed(path: Path, rows: int, entries: int, bytes_each: int) -> None:
-    """Refuse a text file that is too short for what it claims (`bytes_each` bytes an entry).
-
-    Raises
-    ------
-    FileError
-        If it is truncated, or its header is wrong.
-    """
+    """Refuse a text file that is too short for what it claims (`bytes_each` bytes an entry)."""
     size = path.stat().st_size
     if entries * bytes_each > size or rows > max(size, 1000):
         raise FileError(
@@ -110,24 +89,7 @@ def check_backed(path: Path, rows: int, entries: int, bytes_each: int) -> None:
 
 
 def check_count(path: Path, count: int, what: str, available: int, bytes_each: int = 1) -> None:
-    """Refuse a count that the bytes behind it cannot hold, before anything is allocated.
-
-    Parameters
-    ----------
-    path
-        The file.
-    count, what
-        The count and what it counts, in the plural.
-    available
-        The bytes behind it.
-    bytes_each
-        The fewest bytes of each.
-
-    Raises
-    ------
-    FileError
-        If there are too few bytes.
-    """
+    """Refuse a count of something that the `available` bytes behind it cannot hold."""
     if not 0 <= count * bytes_each <= available:
         raise FileError(
             f"{path} claims {count:,} {what}, more than {available:,} bytes hold: it is truncated or damaged"
@@ -145,21 +107,9 @@ class DiedError(Exception):
 
 
 def archived(path: Path, function: Callable[..., None], *arguments: str, seconds: float, memory: int) -> Path:
-    """Return the archive that a function writes of a file, anew only where the file has changed.
+    """Return the archive that a function of a module writes of a file, anew only where the file has changed.
 
-    Parameters
-    ----------
-    path
-        The file.
-    function
-        A function of a module with the paths of the file and of its archive, and the arguments.
-    seconds, memory
-        Its limits, as of `trial.survives`.
-
-    Raises
-    ------
-    DiedError
-        If the process does not survive reading the file.
+    `seconds` and `memory` limit its process; `DiedError` where that does not survive.
     """
     facts = path.stat()
     key = (function, *arguments, os.path.realpath(path), facts.st_mtime_ns, facts.st_size)

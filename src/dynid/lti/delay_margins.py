@@ -400,11 +400,7 @@ def _zeros(
     start: float = 0.0,
     hopeless: Callable[[Sum, Sum, _Measure, Array], Any] | None = None,
 ) -> list[float]:
-    """Return the zeros of a function of A and B, start < ω <= top.
-
-    Intervals that are `hopeless` are left out. Zeros in which it does not change its sign
-    are found to about half the digits.
-    """
+    """Return the zeros of a function of A and B, start < ω <= top, those in `hopeless` intervals left out."""
     zeros: list[float] = []
     brackets: list[tuple[Array, Array]] = []
 

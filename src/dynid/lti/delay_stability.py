@@ -234,10 +234,7 @@ def _lowest(function: QuasiPolynomial, order: int, top: float) -> float:
 def _turns(
     functions: AxisFunctions, balls: Balls, start: float, top: float, work: Work
 ) -> tuple[float, float]:
-    """Return the change of the argument of Q(jω) from ω = start to the top, and its least relative size.
-
-    The size is relative to the sum of the sizes of all powers.
-    """
+    """Return the change of the argument of Q(jω) from start to top, and its least relative size."""
     total, smallest = 0.0, math.inf
     narrow: list[tuple[float, float]] = []
 

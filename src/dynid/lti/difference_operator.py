@@ -225,10 +225,7 @@ def critical_gains(smaller: Coefficients, larger: Coefficients) -> tuple[float, 
 def _corner_gains(
     smaller: Coefficients, larger: Coefficients, gains: set[Fraction | float]
 ) -> tuple[float, float] | None:
-    """Return the nearest of the gains at which D has a zero at ±1, if none before has one elsewhere.
-
-    Others may lie nearer to them than a relative `_NEAR_GAIN`.
-    """
+    """Return the nearest of the gains at which D has a zero at ±1, if none before has one elsewhere."""
     below = max((Fraction(gain) for gain in gains if gain <= 1), default=Fraction(0))
     above = min((Fraction(gain) for gain in gains if gain > 1), default=None)
     proofs = [(smaller, larger, min(below * (1 + _NEAR_GAIN), Fraction(1)), Fraction(1))]

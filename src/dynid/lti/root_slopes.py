@@ -160,10 +160,7 @@ def zeros_of_all(systems: Sequence[ParametricSystem], scale: Array) -> list[Root
 
 
 def _vanishes(A: Array, b: Array, c: Array, d: Array) -> bool:
-    """Return True if the terms of c (s - A)^-1 b + d cancel, or are absent, at all of a few points s.
-
-    The points lie in the right half-plane, from the slowest motion to the norm of A, which is 1.
-    """
+    """Return True if the terms of c (s - A)^-1 b + d cancel, or are absent, at a few points Re s > 0."""
     sizes = np.abs(np.linalg.eigvals(A))
     slowest = sizes[sizes > _SINGULAR_VALUE_TOL].min(initial=1.0)
     points = np.geomspace(slowest, 2.0, len(_ANGLES)) * np.exp(1j * _ANGLES)
@@ -194,10 +191,7 @@ def _zero_dynamics(A: Array, b: Array, c: Array, d: Array) -> Array | None:
 
 
 def _at_origin(A: Array) -> NDArray[np.intp]:
-    """Return the number of eigenvalues at the origin of matrices (S x n x n).
-
-    Null spaces are split off until none is left.
-    """
+    """Return the number of eigenvalues at the origin of matrices (S x n x n), null spaces split off."""
     left, size = A, np.linalg.norm(A, axis=(1, 2))[:, None]
     count = np.zeros(len(A), dtype=np.intp)
     while left.shape[1]:
@@ -266,10 +260,7 @@ def _all_ordered(values: ComplexArray, origin: NDArray[np.intp]) -> list[Roots]:
 
 
 def _by_size(values: ComplexArray, origin: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the order of roots (S x m) by size, the smallest first that are at the origin.
-
-    Of one size (to rounding) those above the real axis come first.
-    """
+    """Return the order of roots (S x m): those at the origin, then by size, of equal size the upper first."""
     size = np.abs(values)
     rank = np.argsort(np.argsort(size, axis=1, kind="stable"), axis=1)
     rounded = np.round(np.log(size + np.finfo(float).tiny), 9)
