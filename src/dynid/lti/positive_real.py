@@ -27,36 +27,20 @@ class NotPositiveReal(NumericalError):
 
 @dataclass(frozen=True)
 class _Violation:
-    """The point at which a rational function fails to be positive real.
+    """The point at which a rational function fails to be positive real."""
 
-    Parameters
-    ----------
-    kind
-        ``real part``, ``pole`` (in the right half-plane, or a multiple one on the imaginary axis) or
-        ``residue`` (negative, of a pole on the imaginary axis).
-    omega
-        The frequency, rad/s: rational where the real part is negative, else the imaginary part of the pole;
-        infinite for a pole at infinity.
-    value
-        The real part, the pole or the residue there.
-    sentence
-        The same in words.
-    """
-
+    #: ``real part``, ``pole`` (in the right half-plane, or a multiple one on the imaginary axis) or
+    #: ``residue`` (negative, of a pole on the imaginary axis).
     kind: str
+    #: The frequency, rad/s: rational where the real part is negative, else the imaginary part of the pole;
+    #: infinite for a pole at infinity.
     omega: Fraction | float
-    value: complex
-    sentence: str
+    value: complex  # the real part, the pole or the residue there
+    sentence: str  # the same in words
 
 
 def lowest_terms(numerator: Any, denominator: Any) -> tuple[Any, Any]:
-    """Return two polynomials (flint `fmpq_poly`) without their common factor, the denominator monic.
-
-    Raises
-    ------
-    ZeroDivisionError
-        Where the denominator is zero.
-    """
+    """Return two polynomials (flint `fmpq_poly`) without common factor, the denominator monic, not zero."""
     common = numerator.gcd(denominator)
     above, below = numerator // common, denominator // common
     lead = below.leading_coefficient()
@@ -92,16 +76,9 @@ def squared_magnitude(polynomial: Any) -> Any:
 
 
 def negative_frequency(polynomial: Any) -> Fraction | None:
-    """Return a rational ω > 0 with P(-ω²) < 0, of few decimals; None where there is no ω with P(-ω²) < 0.
+    """Return a rational ω > 0 with P(-ω²) < 0, of few decimals; None where there is none.
 
-    Parameters
-    ----------
-    polynomial
-        P(w) (flint `fmpq_poly`).
-
-    Notes
-    -----
-    Of the intervals in which P is negative, the one with the lowest value at the chosen frequency.
+    It lies in the interval in which P(w) (flint `fmpq_poly`) has the lowest value at the chosen frequency.
     """
     if polynomial == 0:
         return None
@@ -134,13 +111,7 @@ def axis_factor(denominator: Any) -> Any:
 
 
 def find_violation(numerator: Any, denominator: Any) -> _Violation | None:
-    """Return a point at which N/D is not positive real; None where it is positive real.
-
-    Parameters
-    ----------
-    numerator, denominator
-        Polynomials in lowest terms (flint `fmpq_poly`), the denominator not zero.
-    """
+    """Return a point at which N/D in lowest terms is not positive real; None where it is."""
     if numerator == 0:
         return None
     even_part = real_part(numerator, denominator)
@@ -172,10 +143,7 @@ def _wrong_pole(denominator: Any) -> _Violation | None:
 
 
 def _wrong_residue(numerator: Any, denominator: Any) -> _Violation | None:
-    """Return a pole on the imaginary axis, 0 and infinity included, whose residue is negative.
-
-    The poles on the axis are simple, and the real part is not negative, so that the residues are real.
-    """
+    """Return a pole on the axis, 0 and infinity included, whose residue, a real one, is negative."""
     excess = numerator.degree() - denominator.degree()
     lead = nearest_double(fraction(numerator.leading_coefficient() / denominator.leading_coefficient()))
     if excess > 1:

@@ -36,23 +36,12 @@ _CACHE_NUMBERS = 8192
 
 @dataclass(frozen=True, eq=False)
 class RootBatch:
-    """Roots of many polynomials.
+    """Roots of many polynomials."""
 
-    Attributes
-    ----------
-    values
-        Roots, each part correctly rounded (polynomial x root).
-    radii
-        Bounds on the distance from the true root (polynomial x root).
-    sides
-        -1 left of the imaginary axis, 0 on it, 1 right of it (polynomial x root).
-    certain
-        Mask of the polynomials for which all of this is proved; the rows of the others are invalid.
-    """
-
-    values: NDArray[np.complex128]
-    radii: Array
-    sides: NDArray[np.int8]
+    values: NDArray[np.complex128]  # roots, each part correctly rounded (polynomial x root)
+    radii: Array  # bounds on the distance from the true root (polynomial x root)
+    sides: NDArray[np.int8]  # -1 left of the imaginary axis, 0 on it, 1 right of it (polynomial x root)
+    #: Mask of the polynomials for which all of this is proved; the rows of the others are invalid.
     certain: NDArray[np.bool_]
 
 
@@ -69,15 +58,10 @@ class _Scaled:
 
 
 def root_batch(columns: Sequence[Sequence[int]], *, even: bool = False) -> RootBatch:
-    """Return the roots of polynomials with integer coefficients.
+    """Return the roots of polynomials with integer coefficients, by columns of ascending powers.
 
-    Parameters
-    ----------
-    columns
-        Coefficients in ascending powers: for every power one integer per polynomial. First and last are
-        not zero, and the degree is at least one.
-    even
-        True for polynomials in s^2: the roots s are returned, two for each.
+    First and last columns are not zero, and the degree is at least one. `even`: the polynomials are in s^2,
+    and have two roots s for each of theirs.
     """
     scaled = _scaled(columns, 2 if even else 1)
     count, size = len(columns[0]), len(columns)
