@@ -251,12 +251,8 @@ def assembled_parts(
 ) -> StructuralModel:
     """Return several structures as one, which nothing joins yet.
 
-    Parameters
-    ----------
-    parts
-        The structures by name, none of them reduced, without joints.
-    parameters
-        The unknown parameters of all of them; each may stand in several.
+    `parts`: the structures by name, none of them reduced, without joints; `parameters`: the unknown
+    parameters of all of them; each may stand in several.
     """
     sizes = [model.size for model in parts.values()]
     starts, n = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(int), sum(sizes)

@@ -63,16 +63,8 @@ def geometry(
 ) -> Result:
     """Return what a picture of a structure needs; an empty result where its nodes are not known.
 
-    Parameters
-    ----------
-    model
-        The full structure, with its joints.
-    sensors
-        Name and DOF of each.
-    loads
-        DOFs of forces.
-    supports
-        True if displacements that are no DOFs are held; else they may be no part of the model.
+    `model`: the full structure, with its joints; `sensors`: name and DOF of each; `loads`: DOFs of forces;
+    `supports`: True if displacements that are no DOFs are held; else they may be no part of the model.
 
     Returns
     -------

@@ -119,14 +119,8 @@ def modal_analysis(
 ) -> Result:
     """Return the lowest modes of a structure, rigid-body modes named.
 
-    Parameters
-    ----------
-    model
-        The structure.
-    count, below
-        How many modes, or all below a frequency, rad/s; with neither all of a small structure.
-    values
-        Unknown joint parameters by name.
+    `count`, `below`: how many modes, or all below a frequency, rad/s; with neither all of a small structure;
+    `values`: unknown joint parameters by name.
 
     Returns
     -------

@@ -124,17 +124,8 @@ def with_points(
 
     The DOFs of rigid node sets are replaced by those of their points; their names remain, as motions.
 
-    Parameters
-    ----------
-    model
-        The structure, with nodes, without joints, not reduced.
-    points
-        The points.
-
-    Raises
-    ------
-    UsageError
-        If a node does not exist, belongs to two rigid sets, or lacks DOFs that others of its set have.
+    `model`: the structure, with nodes, without joints, not reduced. Raises UsageError if a node does not
+    exist, belongs to two rigid sets, or lacks DOFs that others of its set have.
     """
     if not points:
         return model, {}

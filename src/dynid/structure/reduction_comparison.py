@@ -66,18 +66,10 @@ def compare(
     A reduced mode is compared with the full mode that its basis retains; where it retains none of the
     structure with its joints, with the one of the same rank.
 
-    Parameters
-    ----------
-    model
-        The full structure; all joints are known.
-    methods
-        The methods by the names they shall have in the result.
-    responses
-        The frequency responses to compare; default: none.
-    parts
-        Substructures by name, whose shares of the energy are compared.
-    result
-        The result to add to; methods and responses that it does not want are left out. Default: a new one.
+    `model`: the full structure; all joints are known; `methods`: the methods by the names they shall have in
+    the result; `responses`: the frequency responses to compare; default: none; `parts`: substructures by
+    name, whose shares of the energy are compared; `result`: the result to add to; methods and responses that
+    it does not want are left out. Default: a new one. Raises UsageError, Singular as of the methods.
 
     Returns
     -------
@@ -89,11 +81,6 @@ def compare(
         ``stiffness_without_joints`` and ``damping_without_joints`` do not (Yang, eq 9). `frequency_error` is
         relative and signed; the uncertainties are what rounding leaves open, rad/s. Attributes of the groups
         hold the cost of the work and the modes in doubt.
-
-    Raises
-    ------
-    UsageError, Singular
-        As of the methods.
     """
     import scipy.linalg  # noqa: F401 - loaded beforehand, so that no method pays for it
 

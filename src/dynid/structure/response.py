@@ -30,20 +30,12 @@ def frequency_response(
 ) -> Result:
     """Return the responses at `outputs` to unit forces at the DOFs `inputs`.
 
-    Parameters
-    ----------
-    model
-        The structure.
-    inputs
-        DOFs that are excited, one a column.
-    outputs
-        The channels.
-    omega
-        Angular frequencies, rad/s.
-    values
-        Unknown joint parameters by name.
-    method, accuracy
-        As of `dynid.structure.frf.frequency_response_functions`.
+    `inputs`: DOFs that are excited, one a column; `omega`: angular frequencies, rad/s; `values`: unknown
+    joint parameters by name; `method`, `accuracy`: as of `dynid.structure.frf.frequency_response_functions`.
+
+    Raises Singular if the responses that are infinite at an undamped natural frequency are not determined,
+    NumericalError if modes do not reach the accuracy, and UsageError if a DOF or quantity does not exist or
+    an unknown parameter has no value.
 
     Returns
     -------
@@ -52,15 +44,6 @@ def frequency_response(
         ``structure/frequency_peaks/{magnitude, omega}``, the largest magnitudes over the band, between the
         frequencies too, but for large sparse structures at few frequencies.
         Attributes `method`, `modes` and `error` hold the method of computation and its error.
-
-    Raises
-    ------
-    Singular
-        If the responses that are infinite at an undamped natural frequency are not determined.
-    NumericalError
-        If modes do not reach the accuracy.
-    UsageError
-        If a DOF or quantity does not exist or an unknown parameter has no value.
     """
     where = ports(model, inputs, outputs)
     w = np.atleast_1d(np.asarray(omega, dtype=float))
@@ -96,33 +79,16 @@ def time_response(
 ) -> Result:
     """Return the exact responses at `outputs` to `loads`, from t = 0 on.
 
-    Parameters
-    ----------
-    model
-        The structure.
-    loads
-        The forces.
-    outputs
-        The channels.
-    times
-        Increasing times, s.
-    values
-        Unknown joint parameters by name.
-    displacement, velocity
-        Initial displacement, m, and velocity, m/s, by DOF; default: 0.
+    `loads`: the forces; `times`: increasing times, s; `values`: unknown joint parameters by name;
+    `displacement`, `velocity`: initial displacement, m, and velocity, m/s, by DOF; default: 0. Raises
+    UsageError if a DOF or quantity does not exist or an unknown parameter has no value, and NumericalError if
+    the response overflows.
 
     Returns
     -------
     Result
         ``structure/time_response/{time, output, unit, response, source, input}``; ``unit`` is along
         ``output``, ``input`` (time x source) holds the forces.
-
-    Raises
-    ------
-    UsageError
-        If a DOF or quantity does not exist or an unknown parameter has no value.
-    NumericalError
-        If the response overflows.
     """
     t = np.asarray(times, dtype=float)
     driven, (M, C, K) = drive(model, loads, outputs, values), model.dense(values)

@@ -150,12 +150,8 @@ def _sparse(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]
 class OnMasters:
     """A reduction on masters, DOFs that stay coordinates.
 
-    Parameters
-    ----------
-    masters
-        Labels, or a rule to choose by. Default: the DOFs of joints, sensors and loads.
-    interest
-        Purpose of the model.
+    `masters`: labels, or a rule to choose by. Default: the DOFs of joints, sensors and loads. `interest`:
+    purpose of the model.
     """
 
     masters: Sequence[Label] | Masters | None = None
@@ -189,12 +185,8 @@ class Dynamic(OnMasters):
 
     Exact at that frequency for loads on the masters, without damping; at 0 it is static condensation.
 
-    Parameters
-    ----------
-    masters, interest
-        As of `Guyan`.
-    frequency
-        The frequency, rad/s. Default: the middle of the band of interest.
+    `masters`, `interest`: as of `Guyan`; `frequency`: the frequency, rad/s. Default: the middle of the band
+    of interest.
     """
 
     frequency: float | None = None

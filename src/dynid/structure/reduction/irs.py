@@ -59,12 +59,8 @@ class Irs(OnMasters):
 
     Iterated it converges to SEREP on the lowest modes.
 
-    Parameters
-    ----------
-    masters, interest
-        As of `Guyan`.
-    iterations
-        Number of steps, 1 is IRS itself; it ends earlier where nothing changes any more.
+    `masters`, `interest`: as of `Guyan`; `iterations`: number of steps, 1 is IRS itself; it ends earlier
+    where nothing changes any more.
     """
 
     iterations: int = 1
@@ -80,10 +76,7 @@ class Irs(OnMasters):
         Coordinates are the masters' displacements; where the slow modes of the reduced model would be lost in
         them, they are these modes.
 
-        Raises
-        ------
-        Singular
-            If the slaves are not held by the masters, or the masters move without inertia.
+        Raises Singular if the slaves are not held by the masters, or the masters move without inertia.
         """
         cut = self.partition(model)
         M, _, K = model.with_known_joints()

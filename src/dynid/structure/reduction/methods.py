@@ -117,10 +117,8 @@ class ReductionByParts:
     def reduce(self, model: StructuralModel) -> StructuralReduction:
         """Reduce an assembly.
 
-        Raises
-        ------
-        UsageError, NumericalError
-            As the method of a part; `names` start with the part. If a DOF is of no part.
+        Raises UsageError, NumericalError as the method of a part; `names` start with the part. If a DOF is of
+        no part.
         """
         names: list[Label] = []
         bases: list[tuple[Indices, Array]] = []

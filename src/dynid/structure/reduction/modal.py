@@ -45,14 +45,9 @@ class ModalTruncation:
     Coordinates are modal ones; residual vectors are scaled to unit stiffness. They make the model exact at
     rest for loads on their DOFs, joints' forces included.
 
-    Parameters
-    ----------
-    modes
-        Numbers from 1, rigid-body modes included, or a range. Default: those of the band.
-    residuals
-        DOFs whose loads get residual vectors; ``auto``: those of joints, sensors and loads; none: ``()``.
-    interest
-        Purpose of the model.
+    `modes`: numbers from 1, rigid-body modes included, or a range. Default: those of the band. `residuals`:
+    DOFs whose loads get residual vectors; ``auto``: those of joints, sensors and loads; none: ``()``;
+    `interest`: purpose of the model.
     """
 
     modes: Sequence[int] | ModeRange | None = None
@@ -63,10 +58,7 @@ class ModalTruncation:
     def reduce(self, model: StructuralModel) -> StructuralReduction:
         """Reduce a structure.
 
-        Raises
-        ------
-        UsageError
-            If modes or DOFs do not exist or stand twice.
+        Raises UsageError if modes or DOFs do not exist or stand twice.
         """
         matrices = model.with_known_joints()
         return on_modes_and_residuals(
@@ -146,15 +138,9 @@ class CraigBampton(OnMasters):
     Exact for any joint between boundary DOFs as all modes are taken. Coordinates are the boundary's
     displacements, then the modal ones of the fixed-interface modes.
 
-    Parameters
-    ----------
-    masters
-        The boundary: labels, or a rule to choose by. Default: the DOFs of joints, sensors and loads.
-    modes
-        Fixed-interface modes: numbers or a range; a count of 0 is static condensation. Default: those of
-        the band.
-    interest
-        Purpose of the model.
+    `masters`: the boundary: labels, or a rule to choose by. Default: the DOFs of joints, sensors and loads.
+    `modes`: fixed-interface modes: numbers or a range; a count of 0 is static condensation. Default: those of
+    the band. `interest`: purpose of the model.
     """
 
     modes: Sequence[int] | ModeRange | None = None
@@ -163,12 +149,8 @@ class CraigBampton(OnMasters):
     def reduce(self, model: StructuralModel) -> StructuralReduction:
         """Reduce a structure.
 
-        Raises
-        ------
-        UsageError
-            If masters or modes do not exist or stand twice.
-        Singular
-            If the inside is not held by the boundary.
+        Raises UsageError if masters or modes do not exist or stand twice, and Singular if the inside is not
+        held by the boundary.
         """
         cut = self.partition(model)
         labels, (slaves, condition) = cut.labels(model), constraint_modes(model, cut)

@@ -57,16 +57,10 @@ class Serep:
     So they are where the slow modes would be lost in the masters' displacements (`MASTER_COORDINATES`). Both
     span the same motions, so that the models agree.
 
-    Parameters
-    ----------
-    masters
-        Labels, or a rule to choose by (`Masters`). Default: the DOFs of joints, sensors and loads, with
-        others where these do not see all the modes.
-    modes
-        Numbers from 1, rigid-body modes included, or a range (`ModeRange`). Default: one a master; with no
-        masters either, all of the band; without a band, one a DOF of joints, sensors and loads.
-    interest
-        Purpose of the model.
+    `masters`: labels, or a rule to choose by (`Masters`). Default: the DOFs of joints, sensors and loads,
+    with others where these do not see all the modes. `modes`: numbers from 1, rigid-body modes included, or a
+    range (`ModeRange`). Default: one a master; with no masters either, all of the band; without a band, one a
+    DOF of joints, sensors and loads. `interest`: purpose of the model.
     """
 
     masters: Sequence[Label] | Masters | None = None
@@ -76,12 +70,8 @@ class Serep:
     def reduce(self, model: StructuralModel) -> StructuralReduction:
         """Reduce a structure.
 
-        Raises
-        ------
-        UsageError
-            If masters or modes do not exist, stand twice, or the modes are more than the masters.
-        Singular
-            If a mode is invisible at the masters.
+        Raises UsageError if masters or modes do not exist, stand twice, or the modes are more than the
+        masters, and Singular if a mode is invisible at the masters.
         """
         reduced: StructuralReduction = _on_modes(model, None, self.masters, self.modes, self.interest)
         return reduced
@@ -155,15 +145,9 @@ def _with_stiffness_of_modes(
 class JointAware(Serep):
     """SEREP on modes of the structure with its joints; or these modes and residual vectors.
 
-    Parameters
-    ----------
-    masters, modes, interest
-        As of `Serep`; modes are those of the structure with joints.
-    values
-        Current values of the unknown joint parameters, by name; default: their starts.
-    residuals
-        As of `ModalTruncation`, of the structure with its joints. Coordinates then are modal, and there are
-        no masters.
+    `masters`, `modes`, `interest`: as of `Serep`; modes are those of the structure with joints; `values`:
+    current values of the unknown joint parameters, by name; default: their starts; `residuals`: as of
+    `ModalTruncation`, of the structure with its joints. Coordinates then are modal, and there are no masters.
     """
 
     values: Mapping[str, float] | None = None
@@ -181,10 +165,7 @@ class JointAware(Serep):
     def reduce(self, model: StructuralModel) -> StructuralReduction:
         """Reduce a structure.
 
-        Raises
-        ------
-        UsageError, Singular
-            As of `Serep.reduce`.
+        Raises UsageError, Singular as of `Serep.reduce`.
         """
         values = {unknown.name: unknown.start for unknown in model.unknowns} | dict(self.values or {})
         if not self.residuals:
