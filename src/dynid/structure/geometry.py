@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.result import Result
-from dynid.structure.labels import DIRECTIONS, Label, Node, node_direction
+from dynid.structure.labels import DIRECTIONS, Label, node_direction
 from dynid.structure.model import StructuralModel
 
 GROUP = "structure/geometry"
@@ -89,8 +89,11 @@ def geometry(
     result.add(f"{GROUP}/position", nodes.xyz[rows], ("node", "xyz"), "m")
     result.add(f"{GROUP}/edge", np.searchsorted(rows, edges), ("line", "end"))
     result.annotate(GROUP, lines=len(nodes.lines))
-    if supports:
-        result.add(f"{GROUP}/held", _held(model, numbers), ("node", "xyz"))
+    if supports:  # displacements that are no DOFs although other nodes have them
+        free = {node_direction(label) for label in (*model.dofs, *model.motions)}
+        ways = [way for way in DIRECTIONS[:3] if any(dof and dof[1] == way for dof in free)]
+        held = [[way in ways and (node, way) not in free for way in DIRECTIONS[:3]] for node in numbers]
+        result.add(f"{GROUP}/held", np.array(held), ("node", "xyz"))
     add_places(result, model, "sensor", sensors)
     add_places(result, model, "load", ((str(dof), dof) for dof in loads))
     ends = {
@@ -114,13 +117,6 @@ def outer_lines(edges: NDArray[np.int64], max_lines: int) -> NDArray[np.int64]:
         return edges
     neighbours = np.bincount(edges.ravel())[edges].sum(axis=1)
     return edges[np.sort(np.argsort(neighbours, kind="stable")[:max_lines])]
-
-
-def _held(model: StructuralModel, numbers: Sequence[Node]) -> Array:
-    """Return the displacements (node x xyz) that are no DOFs although other nodes have them."""
-    free = {node_direction(label) for label in (*model.dofs, *model.motions)}
-    ways = [way for way in DIRECTIONS[:3] if any(dof and dof[1] == way for dof in free)]
-    return np.array([[way in ways and (node, way) not in free for way in DIRECTIONS[:3]] for node in numbers])
 
 
 def add_places(result: Result, model: StructuralModel, what: str, named: Iterable[tuple[str, Label]]) -> None:

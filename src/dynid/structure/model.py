@@ -6,7 +6,7 @@ Source: K. T. Yang 1997, eq 1: the joints' matrices C_s, K_s are added to those 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -147,8 +147,12 @@ class StructuralModel(NamedDofs):
         """Return the model with its matrices stored as `csc_array`, not checked again."""
         from scipy.sparse import csc_array
 
-        terms = tuple(term._replace(matrix=csc_array(term.matrix)) for term in self.terms)
-        return self._copied(M=csc_array(self.M), C=csc_array(self.C), K=csc_array(self.K), terms=terms)
+        return self._copied(**self.mapped(csc_array))
+
+    def mapped(self, change: Callable[[Any], Any]) -> dict[str, Any]:
+        """Return mass, damping, stiffness and the terms of these after a linear change of each matrix."""
+        terms = tuple(term._replace(matrix=change(term.matrix)) for term in self.terms)
+        return {"M": change(self.M), "C": change(self.C), "K": change(self.K), "terms": terms}
 
     def _copied(self, **changes: Any) -> StructuralModel:
         """Return a copy with other attributes, which are not checked."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -315,9 +315,8 @@ def _condensed(
     T = T.tocsc() if model.is_sparse else T.toarray()
     condensed = replace(
         model,
-        **{letter: congruent(T, getattr(model, letter)) for letter in "MCK"},
+        **model.mapped(partial(congruent, T)),
         dofs=tuple(labels),
-        terms=tuple(term._replace(matrix=congruent(T, term.matrix)) for term in model.terms),
         modal=tuple(part.projected(T) for part in model.modal),
         nodes=nodes,
         motions=motions,

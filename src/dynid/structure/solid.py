@@ -187,12 +187,12 @@ def _supported(
 
 
 class _Share(NamedTuple):
-    """Elements of a block with their Lamé constants, Pa, and densities, kg/m3 (e each)."""
+    """Elements of a block with their Lamé constants, Pa, and density, kg/m3."""
 
     block: Block
-    first: Array
-    shear: Array
-    density: Array
+    first: float
+    shear: float
+    density: float
 
 
 def _matrices(
@@ -204,8 +204,12 @@ def _matrices(
     def sums(chosen: Sequence[tuple[_Layer, float, float]]) -> tuple[Matrix, Matrix]:
         """Return mass and stiffness of layers with numbers E and rho."""
         shares = [
-            _share(Block(block.kind, compact[block.cells[members]]), layer.material.nu, E, rho)
+            _Share(
+                Block(block.kind, compact[block.cells[members]]), 2 * nu / (1 - 2 * nu) * shear, shear, rho
+            )
             for layer, E, rho in chosen
+            for nu in [layer.material.nu]
+            for shear in [E / 2 / (1 + nu)]
             for block, members in zip(mesh.blocks, layer.members, strict=True)
             if len(members)
         ]
@@ -223,12 +227,6 @@ def _matrices(
             M = DependentMatrix(M.constant, (*M.terms, (rho, mass))) if isinstance(rho, Dependent) else M
             K = DependentMatrix(K.constant, (*K.terms, (E, stiff))) if isinstance(E, Dependent) else K
     return M, K
-
-
-def _share(block: Block, nu: float, E: float, rho: float) -> _Share:
-    shear = E / 2 / (1 + nu)
-    unit = np.ones(len(block.cells))
-    return _Share(block, 2 * nu / (1 - 2 * nu) * shear * unit, shear * unit, rho * unit)
 
 
 def _assembled(shares: Sequence[_Share], xyz: Array, free: Places, dense: bool) -> tuple[Matrix, Matrix]:
@@ -251,13 +249,13 @@ def _assembled(shares: Sequence[_Share], xyz: Array, free: Places, dense: bool) 
             chunk = slice(start, start + step)
             cells = share.block.cells[chunk]
             strain, mass = integrated(ELEMENTS[share.block.kind], xyz[cells])
-            stiff = stiffness(strain, share.first[chunk], share.shear[chunk])
+            stiff = stiffness(strain, share.first, share.shear)
             here = slots[at : at + mass.size]
             at += mass.size
             for entry in range(9):
                 values = stiff[:, :, entry // 3, :, entry % 3].ravel()
                 blocks[entry] += np.bincount(here, values, len(keys))
-            masses += np.bincount(here, (mass * share.density[chunk, None, None]).ravel(), len(keys))
+            masses += np.bincount(here, (mass * share.density).ravel(), len(keys))
     shape = (3 * count, 3 * count)
     K: Any = bsr_array((blocks.T.reshape(-1, 3, 3), columns, starts), shape=shape).tocsc()
     M: Any = kron(csr_array((masses, columns, starts), shape=(count, count)), eye_array(3), format="csc")

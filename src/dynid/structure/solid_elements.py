@@ -125,14 +125,13 @@ def integrated(element: _SolidElement, points: Array) -> _Integrated:
     return _Integrated(strain, mass.reshape(count, n, n))
 
 
-def stiffness(strain: Array, first: Array, shear: Array) -> Array:
-    """Return the stiffness (e x n x 3 x n x 3) of isotropic elements.
+def stiffness(strain: Array, first: float, shear: float) -> Array:
+    """Return the stiffness (e x n x 3 x n x 3) of isotropic elements from their strain, as of `_Integrated`.
 
-    `strain`: as of `_Integrated`; `first`, `shear`: Lamé's constants of each element (e), Pa.
+    `first`, `shear`: Lamé's constants, Pa.
     """
-    mu = shear[:, None, None, None, None]
-    total = first[:, None, None, None, None] * strain + mu * strain.transpose(0, 1, 4, 3, 2)
-    laplace = shear[:, None, None] * np.einsum("eiaja->eij", strain)
+    total = first * strain + shear * strain.transpose(0, 1, 4, 3, 2)
+    laplace = shear * np.einsum("eiaja->eij", strain)
     for axis in range(3):
         total[:, :, axis, :, axis] += laplace
     return np.asarray(total)

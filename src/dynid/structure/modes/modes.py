@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,15 +101,9 @@ class Modes(NamedTuple):
 
     def first(self, count: int) -> Modes:
         """Return the lowest modes only."""
-        return self._replace(
-            omega=self.omega[:count],
-            damping=self.damping[:count],
-            shapes=self.shapes[:, :count],
-            residuals=self.residuals[:count],
-            uncertainty=self.uncertainty[:count],
-            undecided=self.undecided[:count],
-            rigid=min(self.rigid, count),
-        )
+        by_mode = ("omega", "damping", "shapes", "residuals", "uncertainty", "undecided")
+        lowest: dict[str, Any] = {name: getattr(self, name)[..., :count] for name in by_mode}
+        return self._replace(rigid=min(self.rigid, count), **lowest)
 
 
 def finished(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -244,13 +245,10 @@ def _cut(model: StructuralModel, places: Indices) -> StructuralModel:
     inside = {name: motion for name, motion in model.motions.items() if labels.issuperset(motion)}
     there = labels | inside.keys()
     return StructuralModel(
-        cut(model.M),
-        cut(model.C),
-        cut(model.K),
-        tuple(joint for joint in model.joints if all(model.label(dof) in there for dof in joint.dofs)),
-        tuple(model.dofs[k] for k in places),
+        **model.mapped(cut),
+        joints=tuple(j for j in model.joints if all(model.label(dof) in there for dof in j.dofs)),
+        dofs=tuple(model.dofs[k] for k in places),
         parameters=model.parameters,
-        terms=tuple(term._replace(matrix=cut(term.matrix)) for term in model.terms),
         motions=inside,
         translations=model.translations,
     )
@@ -297,12 +295,9 @@ def _with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tu
         dofs[row_index] = label
 
     new = StructuralModel(
-        congruent(T, model.M),
-        congruent(T, model.C),
-        congruent(T, model.K),
+        **model.mapped(partial(congruent, T)),
         dofs=tuple(dofs),
         parameters=model.parameters,
-        terms=tuple(term._replace(matrix=congruent(T, term.matrix)) for term in model.terms),
         translations=model.translations,
     )
     at = {label: row_index for row_index, label in enumerate(model.dofs)}

@@ -73,19 +73,16 @@ class Serep:
         Raises UsageError if masters or modes do not exist, stand twice, or the modes are more than the
         masters, and Singular if a mode is invisible at the masters.
         """
-        reduced: StructuralReduction = _on_modes(model, None, self.masters, self.modes, self.interest)
+        reduced: StructuralReduction = _on_modes(model, self, None)
         return reduced
 
 
 @guarded("the reduction on modes")
 def _on_modes(
-    model: StructuralModel,
-    values: Mapping[str, float] | None,
-    masters: Sequence[Label] | Masters | None,
-    modes: Sequence[int] | ModeRange | None,
-    interest: Interest,
+    model: StructuralModel, method: Serep, values: Mapping[str, float] | None
 ) -> StructuralReduction:
     """Reduce a structure on modes without its joints; or with these, at `values` of the unknown ones."""
+    masters, modes, interest = method.masters, method.modes, method.interest
     matrices = (model.M, model.C, model.K) if values is None else model.with_joints(values)
     retained = values is not None or not model.joints
     if masters is not None and not isinstance(masters, Masters):
@@ -169,7 +166,8 @@ class JointAware(Serep):
         """
         values = {unknown.name: unknown.start for unknown in model.unknowns} | dict(self.values or {})
         if not self.residuals:
-            return _on_modes(model, values, self.masters, self.modes, self.interest)
+            reduced: StructuralReduction = _on_modes(model, self, values)
+            return reduced
         return on_modes_and_residuals(
             model, model.with_joints(values), self.modes, self.residuals, self.interest, retained=True
         )

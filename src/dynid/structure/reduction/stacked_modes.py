@@ -57,12 +57,7 @@ class StackedModes(NamedTuple):
     def numbered(self, numbers: Sequence[int]) -> StackedModes:
         """Return some modes, by their numbers from 1."""
         columns = np.array(numbers, dtype=np.intp) - 1
-        return StackedModes(
-            self.omega[:, columns],
-            self.shapes[:, :, columns],
-            self.uncertainty[:, columns],
-            self.certain[:, columns],
-        )
+        return StackedModes(*(array[..., columns] for array in self))
 
 
 class Stack:
