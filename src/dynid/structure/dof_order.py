@@ -21,15 +21,11 @@ from dynid.structure.matrices import Matrix, as_array, is_sparse, nothing
 
 
 class DofOrder(NamedTuple):
-    """An order of DOFs that a matrix may have.
+    """An order of DOFs that a matrix may have."""
 
-    `name`: the order in the terms of the file, such as ``a-set``; `labels`: labels of the DOFs; `stated`:
-    true where the file states it; an order that is not stated has to be confirmed.
-    """
-
-    name: str
-    labels: tuple[Label, ...]
-    stated: bool
+    name: str  # the order in the terms of the file, such as ``a-set``
+    labels: tuple[Label, ...]  # labels of the DOFs
+    stated: bool  # true where the file states it; an order that is not stated has to be confirmed
 
 
 class ModeShapes(NamedTuple):
@@ -41,15 +37,11 @@ class ModeShapes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NodeFile:
-    """Nodes of a file.
+    """Nodes of a file."""
 
-    `nodes`: the nodes; `orders`: orders of DOFs that a matrix without labels may have, the likeliest first;
-    `modes`: modes, where the file has them.
-    """
-
-    nodes: Nodes
-    orders: tuple[DofOrder, ...]
-    modes: ModeShapes | None = None
+    nodes: Nodes  # the nodes
+    orders: tuple[DofOrder, ...]  # orders of DOFs that a matrix without labels may have, the likeliest first
+    modes: ModeShapes | None = None  # modes, where the file has them
 
 
 _SPATIAL = (DIRECTIONS[:3], DIRECTIONS)
@@ -85,14 +77,10 @@ _RIGID_MODE = 1e-9
 
 
 class Balance(NamedTuple):
-    """Forces of the rigid-body motions of nodes on a structure.
+    """Forces of the rigid-body motions of nodes on a structure."""
 
-    `share`: the share of DOFs on which they vanish; `median`: the median over the DOFs of the largest force,
-    relative to the sum of its parts.
-    """
-
-    share: float
-    median: float
+    share: float  # the share of DOFs on which they vanish
+    median: float  # the median over the DOFs of the largest force, relative to the sum of its parts
 
 
 def balance(K: Matrix, nodes: Nodes, labels: Sequence[Label]) -> Balance:
@@ -163,10 +151,7 @@ def _likeliest(K: Matrix, orders: Sequence[DofOrder], nodes: Nodes) -> list[tupl
 
 
 def _checked(K: Matrix, labels: Sequence[Label], nodes: Nodes, *, stated: bool) -> Nodes:
-    """Return nodes with the sentence on what contradicts or does not confirm their order.
-
-    Raises UsageError if an order that no file states is contradicted.
-    """
+    """Return nodes with the sentence on what contradicts or does not confirm their order."""
     placed = (node_direction(label) for label in labels)
     missing = [node[0] for node in placed if node is not None and node[0] not in nodes.places]
     if missing:

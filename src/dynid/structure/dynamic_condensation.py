@@ -35,15 +35,11 @@ _RESPONSE_BLOCK_NUMBERS = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class ActiveCoordinates:
-    """Coordinates outside of which some symmetric matrices vanish.
+    """Coordinates outside of which some symmetric matrices vanish."""
 
-    `places`: places of the DOFs that take part (d); `basis`: orthonormal columns (d x d): the first `count`
-    span what the matrices act on; `count`: number of coordinates on which the matrices act (a).
-    """
-
-    places: NDArray[np.intp]
-    basis: Array
-    count: int
+    places: NDArray[np.intp]  # places of the DOFs that take part (d)
+    basis: Array  # orthonormal columns (d x d): the first `count` span what the matrices act on
+    count: int  # number of coordinates on which the matrices act (a)
 
     @classmethod
     def of(cls, parts: Sequence[Array]) -> ActiveCoordinates:
@@ -77,33 +73,15 @@ class ActiveCoordinates:
 
 @dataclass(frozen=True, eq=False)
 class CondensedLines:
-    """Contribution of the eliminated coordinates at each line.
+    """Contribution of the eliminated coordinates at each line (L), for the coordinates that are kept (a)."""
 
-    Attributes
-    ----------
-    omega
-        The lines (L), rad/s.
-    coordinates
-        The coordinates that are kept (a).
-    stiffness
-        ``Z_ai Z_ii^-1 Z_ia`` (L x a x a).
-    forces
-        ``b_a - Z_ai Z_ii^-1 b_i`` of each direction (L x a x e).
-    compliance
-        ``r_i Z_ii^-1 b_i`` of each pair of directions (L x pairs).
-    usable
-        Mask of the lines (L) that do not lie on a resonance of the eliminated coordinates.
-    pairs
-        Of each pair the places of its force and its read-out among the directions (2 x pairs).
-    """
-
-    omega: Array
+    omega: Array  # rad/s
     coordinates: ActiveCoordinates
-    stiffness: ComplexArray
-    forces: ComplexArray
-    compliance: ComplexArray
-    usable: NDArray[np.bool_]
-    pairs: NDArray[np.intp]
+    stiffness: ComplexArray  # Z_ai Z_ii^-1 Z_ia (L x a x a)
+    forces: ComplexArray  # b_a - Z_ai Z_ii^-1 b_i of each direction (L x a x e)
+    compliance: ComplexArray  # r_i Z_ii^-1 b_i of each pair of directions (L x pairs)
+    usable: NDArray[np.bool_]  # lines that do not lie on a resonance of the eliminated coordinates (L)
+    pairs: NDArray[np.intp]  # places of each pair's force and read-out among the directions (2 x pairs)
 
     def solve(self, M: Array, C: Array, K: Array) -> tuple[ComplexArray, ComplexArray, NDArray[np.bool_]]:
         """Return the receptances of the pairs, the motion of the kept coordinates, and where both are right.

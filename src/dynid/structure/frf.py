@@ -160,11 +160,7 @@ def _solved(M: Matrix, C: Matrix, K: Matrix, forces: Array, omega: float) -> Arr
 def _by_modes(
     M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array, accuracy: float, backend: str = "auto"
 ) -> _FrequencyResponse:
-    """Compute the response of the modes of the band with residual vectors.
-
-    Raises Singular if a frequency lies on an undamped pole, and the responses that are infinite there are not
-    determined, and NumericalError if the accuracy is not reached.
-    """
+    """Compute the response of the modes of the band with residual vectors."""
     from scipy.sparse import csc_array
 
     from dynid.structure.factorisation import factorise

@@ -36,11 +36,6 @@ def _check_springs(masses: Sequence[float], springs: Sequence[tuple[tuple[int, .
     of the matrix must cancel to less than the spring itself.
 
     `masses`: masses of the DOFs, kg; `springs`: DOFs (from 1; one: to ground) and stiffness, N/m.
-
-    Raises
-    ------
-    NumericalError
-        That names the first such spring.
     """
     of = [_Cluster(mass) for mass in (np.inf, *masses)]  # 0 is the ground
     for dofs, k in sorted(springs, key=lambda spring: -spring[1]):

@@ -240,12 +240,10 @@ class DependentMatrix:
     """A matrix ``A + sum c_i P_i``: a constant one, and numbers that depend on parameters times patterns.
 
     Where nothing depends on parameters it is the constant matrix alone, with the arithmetic of arrays.
-
-    `constant`: the part A that depends on no parameter; `terms`: the pairs (c, P).
     """
 
-    constant: Matrix
-    terms: tuple[tuple[Dependent, Matrix], ...] = ()
+    constant: Matrix  # the part A that depends on no parameter
+    terms: tuple[tuple[Dependent, Matrix], ...] = ()  # the pairs (c, P)
 
     @property
     def reference(self) -> Matrix:

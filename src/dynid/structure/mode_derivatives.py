@@ -298,10 +298,7 @@ def _realigned(span: Vectors, M: Matrix) -> Vectors:
 def _corrected(
     matrices: tuple[Any, Any, Any], pole: complex, shape: Vectors, span: Vectors
 ) -> tuple[complex, Vectors]:
-    """Return a damped mode, of unit modal mass, by Newton's method on ``Z(lambda) psi = 0``.
-
-    `span` are the approximate modes that have nearly this pole, itself included.
-    """
+    """Return a damped mode, of unit modal mass, by Newton's method; `span` are those of nearly its pole."""
     M, C, K = matrices
     start, last = pole, np.inf
     for _ in range(_MOST_STEPS):

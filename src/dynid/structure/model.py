@@ -33,15 +33,11 @@ _RIGID_ENERGY_TOL = 1e-9
 
 
 class Term(NamedTuple):
-    """A part of a matrix that depends on unknown parameters.
+    """A part of a matrix that depends on unknown parameters."""
 
-    `letter`: the matrix: ``M``, ``C`` or ``K``; `coefficient`: what multiplies `matrix`; `matrix`: a constant
-    matrix (n x n).
-    """
-
-    letter: str
-    coefficient: Dependent
-    matrix: Matrix
+    letter: str  # the matrix: ``M``, ``C`` or ``K``
+    coefficient: Dependent  # what multiplies `matrix`
+    matrix: Matrix  # a constant matrix (n x n)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,17 +18,12 @@ Motion: TypeAlias = Mapping[Label, float]
 
 
 class NamedDofs:
-    """What can be named in a structure: its DOFs, weighted sums of them, and all DOFs of the full model.
+    """What can be named in a structure: its DOFs, weighted sums of them, and all DOFs of the full model."""
 
-    `dofs`: labels of the DOFs, or of the coordinates of a reduced model (n); `basis`: of a reduced model, the
-    way back to all DOFs (`structure.model.Basis`); `motions`: named weighted sums of the full model's DOFs;
-    `translations`: True where DOFs whose labels have no direction are translations.
-    """
-
-    dofs: tuple[Label, ...]
-    basis: Any
-    motions: Mapping[str, Motion]
-    translations: bool
+    dofs: tuple[Label, ...]  # labels of the DOFs, or of the coordinates of a reduced model (n)
+    basis: Any  # of a reduced model, the way back to all DOFs (`structure.model.Basis`)
+    motions: Mapping[str, Motion]  # named weighted sums of the full model's DOFs
+    translations: bool  # True where DOFs whose labels have no direction are translations
 
     @property
     def size(self) -> int:

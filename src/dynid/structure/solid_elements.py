@@ -32,32 +32,14 @@ class Rule(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _SolidElement:
-    """A kind of solid element.
+    """A kind of solid element, its nodes at corners, mid-edges (of second order) and further places."""
 
-    Parameters
-    ----------
-    corners
-        Reference coordinates of the corners (c x 3).
-    edges
-        Pairs of corners, in the order of their mid-edge nodes.
-    faces
-        Corners around each face.
-    order
-        1: nodes at corners only; 2: mid-edge nodes too.
-    exponents
-        Exponents of x, y, z of the polynomials that its shape functions are made from (n).
-    rule
-        The integration rule of stiffness and mass, exact for parallel-sided elements.
-    further
-        Reference coordinates of nodes beyond corners and mid-edges.
-    """
-
-    corners: Array
-    edges: tuple[tuple[int, int], ...]
-    faces: tuple[tuple[int, ...], ...]
+    corners: Array  # reference coordinates (c x 3)
+    edges: tuple[tuple[int, int], ...]  # pairs of corners, in the order of their mid-edge nodes
+    faces: tuple[tuple[int, ...], ...]  # corners around each face
     order: int
-    exponents: Exponents
-    rule: Rule
+    exponents: Exponents  # of x, y, z in the polynomials that shape functions are made from (n)
+    rule: Rule  # of stiffness and mass, exact for parallel-sided elements
     further: tuple[tuple[float, float, float], ...] = ()
 
     @cached_property

@@ -56,12 +56,7 @@ def bending(
 def _stretching(
     EA: Real, rhoA: Real, length: Real, released: Sequence[int] = ()
 ) -> tuple[DependentMatrix, DependentMatrix]:
-    """Return stiffness and consistent mass (2 x 2) of a bar element, DOFs [u1, u2]; of a shaft alike.
-
-    `EA`, `rhoA`, `length`: axial stiffness, N, mass per length, kg/m, and length, m; of a shaft GJ and polar
-    inertia per length; `released`: the released DOFs as in `bending`, 0 or 1. Raises UsageError if both are
-    released.
-    """
+    """Return stiffness and consistent mass (2 x 2) of a bar, DOFs [u1, u2]; of a shaft by GJ and rhoJ."""
     (k, *_), (m, *_) = _patterns("stretching", tuple(sorted(released)))
     return DependentMatrix(k).times(EA / length), DependentMatrix(m).times(rhoA * length / 6)
 
@@ -401,11 +396,7 @@ def _uncarried(
     fixed: set[tuple[int, str]],
     count: int,
 ) -> set[tuple[int, str]]:
-    """Return the rotations that nothing carries, and refuse loose nodes.
-
-    Raises UsageError if a node belongs to no member, or rotates freely about an axis that is no basic
-    direction.
-    """
+    """Return the rotations that nothing carries; refuse nodes that are loose, or rotate about other axes."""
     size = np.zeros((count, 2))
     for piece in pieces:
         for node in piece.nodes:

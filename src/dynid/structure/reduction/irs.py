@@ -98,9 +98,8 @@ def _in_masters_or_modes(
 ) -> StructuralReduction:
     """Return the model on a basis of its own modes, in the masters' displacements where these hold them.
 
-    `model`, `cut`: the full structure, without unknown joints, and its masters; `T`: the motion in the modes
-    of the reduced model (n x m), of unit modal mass; `square`: their squared frequencies (m); `condition`:
-    condition of the inverted matrix.
+    `T`: the motion in the modes of the reduced model (n x m), of unit modal mass; `square`: their squared
+    frequencies (m).
     """
     lost, labels = cancellation(T[cut.masters], square)[1], cut.labels(model)
     if lost <= MASTER_COORDINATES.value:

@@ -27,13 +27,10 @@ to 3 % with modes up to twice that, and to a half with five times.
 
 @dataclass(frozen=True)
 class ModeRange:
-    """The lowest modes: so many, or all below a frequency.
+    """The lowest modes: so many, or all below a frequency."""
 
-    `count`: their number, rigid-body modes included; `below`: the highest frequency, rad/s.
-    """
-
-    count: int | None = None
-    below: float | None = None
+    count: int | None = None  # their number, rigid-body modes included
+    below: float | None = None  # the highest frequency, rad/s
 
     def __post_init__(self) -> None:
         if (self.count is None) == (self.below is None):
@@ -48,14 +45,10 @@ class ModeRange:
 
 @dataclass(frozen=True)
 class Interest:
-    """Purpose of a reduced model, from which masters and modes are chosen where none are given.
+    """Purpose of a reduced model, from which masters and modes are chosen where none are given."""
 
-    `dofs`: DOFs of sensors and loads; those of the joints are always of interest; `band`: the highest
-    frequency of excitation or response, rad/s.
-    """
-
-    dofs: tuple[Label, ...] = ()
-    band: float | None = None
+    dofs: tuple[Label, ...] = ()  # DOFs of sensors and loads; those of the joints are always of interest
+    band: float | None = None  # the highest frequency of excitation or response, rad/s
 
 
 class SelectedModes(NamedTuple):

@@ -28,34 +28,18 @@ _AFFORDABLE = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class StructuralReduction:
-    """A reduced model with the choices and conditions of its reduction.
-
-    Attributes
-    ----------
-    model
-        The reduced model; it expands back to all DOFs (``model.expand``).
-    masters
-        Labels of the masters.
-    modes
-        Numbers of the modes that the basis is made of: of the structure that the method takes them from.
-    condition
-        Condition of the inverted matrix, scaled: the modes at the masters where masters stand for modes,
-        else the stiffness of the slaves; None where nothing is inverted.
-    inverted
-        Name of the matrix that `condition` belongs to.
-    rule
-        The rule that they were chosen by, in words; empty of a method without modes.
-    retained
-        True where these modes are those of the structure with its joints, so that the reduced model has them.
-    doubt
-        Warning about modes that rounding leaves open; empty where there are none.
-    """
+    """A reduced model, which expands back to all DOFs, with the choices and conditions of its reduction."""
 
     model: StructuralModel
     masters: tuple[Label, ...] = ()
+    # Numbers of the modes that the basis is made of: of the structure that the method takes them from.
     modes: tuple[int, ...] = ()
+    # Of the inverted matrix, scaled: the modes at the masters where masters stand for modes, else the
+    # stiffness of the slaves; None where nothing is inverted.
     condition: float | None = None
+    # True where these modes are those of the structure with its joints, so that the reduced model has them.
     retained: bool = False
+    # The rule that they were chosen by, in words, and what rounding leaves open; empty where there is none.
     rule: str = ""
     doubt: str = ""
     inverted: str = "the modes at the masters"

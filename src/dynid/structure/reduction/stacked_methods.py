@@ -48,20 +48,14 @@ _MIN_OUTSIDE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class StackedReduction:
-    """Reductions of structures by one method.
+    """Reductions of structures (s) by one method."""
 
-    `T`: the bases (s x n x r); `bare`, `jointed`: the reduced matrices without and with joints (s x r x r);
-    `numbers`: numbers of the full modes that the reduced ones stand for; `sure`: which structures have the
-    usual case (s); `condition`: returns the condition of the inverted matrix (s); None for a method that
-    inverts none.
-    """
-
-    T: Array
-    bare: Stack
+    T: Array  # bases (s x n x r)
+    bare: Stack  # reduced matrices without joints (s x r x r)
     jointed: Stack
-    numbers: tuple[int, ...]
-    sure: Sure
-    condition: Callable[[], Array] | None = None
+    numbers: tuple[int, ...]  # of the full modes that the reduced ones stand for
+    sure: Sure  # which structures have the usual case (s)
+    condition: Callable[[], Array] | None = None  # of the inverted matrix (s), if there is one
 
 
 class _StackedMethod(NamedTuple):
@@ -180,10 +174,7 @@ def _residual_vectors(jointed: Stack, basis: StackedModes, loads: Indices) -> tu
 
 
 def _condensed(bare: Stack, jointed: Stack, choice: Choice, *, omega: float = 0.0) -> StackedReduction:
-    """Return static condensation, at `omega` (rad/s) dynamic, or with modes of held masters.
-
-    These are the methods of Guyan, Leung, and Craig and Bampton.
-    """
+    """Return static condensation, at `omega` (rad/s) dynamic, or with modes of held masters."""
     cut = Partition.at(choice.masters, jointed.M.shape[1])
     inner = jointed.block(cut.slaves)
     size = diagonal(inner.K) + omega**2 * diagonal(inner.M)
@@ -232,10 +223,7 @@ def _improved(bare: Stack, jointed: Stack, choice: Choice, *, iterations: int) -
 
 
 class _Factor:
-    """Solver with well conditioned symmetric matrices, scaled to unit diagonals or by `size`.
-
-    `sure` marks those that are well conditioned (s).
-    """
+    """Solver with symmetric matrices scaled to unit diagonals or by `size`, and which are `sure` (s)."""
 
     def __init__(self, A: Array, size: Array | None = None) -> None:
         size = diagonal(A) if size is None else size
