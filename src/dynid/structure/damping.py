@@ -24,7 +24,7 @@ from dynid.arithmetic.dependent import Dependent, Real, evaluated
 from dynid.arrays import Array
 from dynid.errors import NumericalError, UsageError
 from dynid.number_format import counted
-from dynid.structure.matrices import DependentMatrix, Matrix, as_array, combined
+from dynid.structure.matrices import DependentMatrix, Matrix, as_array
 from dynid.structure.modes.modes import modes
 
 _MOST_MODAL = 3000
@@ -49,10 +49,6 @@ class ProportionalDamping:
     def of(self, M: DependentMatrix, K: DependentMatrix) -> tuple[DependentMatrix, tuple[()]]:
         """Return C, which depends on parameters by its terms alone."""
         return (M.times(self.alpha) + K.times(self.beta)).merged(), ()
-
-    def matrix(self, M: Matrix, K: Matrix) -> Matrix:
-        """Return C (n x n) at the reference values of parameters."""
-        return combined(float(self.alpha), M, float(self.beta), K)
 
 
 @dataclass(frozen=True)
