@@ -14,7 +14,7 @@ from dynid.bench.cases.chain import exact_response, reduced
 from dynid.bondgraph import reduced_graph
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.graph_response import frequency_response
-from dynid.bondgraph.reduced_graph import ReducedGraph, determinant
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular
 from dynid.native import VARIABLE, found
 from tests.sample import sample
@@ -91,7 +91,7 @@ def test_the_library_writes_the_same_program(monkeypatch, block):
                 assert getattr(mine.prototype, name) == getattr(theirs.prototype, name)
             assert mine.prototype.shared() == theirs.prototype.shared()
             assert one.dropped(port) == other.dropped(port)
-            assert determinant(one, mine) == determinant(other, theirs)
+            assert mine.determinant() == theirs.determinant()
     assert compiled >= 10
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 from dynid import defaults
 from dynid.bondgraph.graph import Bond, Port
@@ -175,16 +175,6 @@ class EngineChoice:
     def limits(self) -> str:
         """Limits of the engine."""
         return _LIMITS[self.engine]
-
-    def attributes(self, reading: str) -> dict[str, Any]:
-        """Return the attributes of a result that describe its engine."""
-        return {"engine": self.engine, "engine_reason": self.reason, "engine_limits": self.limits} | {
-            "reading": reading
-        }
-
-    def fallback(self, problem: str) -> EngineChoice:
-        """Return the exact engine, after the floating-point engine could not decide."""
-        return EngineChoice("exact", f"{problem}; the exact engine decides")
 
 
 def modelled_storages(reduced: ReducedGraph) -> int:

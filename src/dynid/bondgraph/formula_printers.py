@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from fractions import Fraction
+from functools import reduce
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -64,6 +66,14 @@ class FormulaPrinter(ABC):
     def negative(self, a: Printed) -> Printed:
         """Write -a."""
         return "-" + self.bracket(a, PRODUCT), SIGN
+
+    def monomial(self, coefficient: int, powers: Iterable[tuple[Printed, int]]) -> Printed:
+        """Write a term of a polynomial."""
+        factors = [base if power == 1 else self.power(base, self.integer(power)) for base, power in powers]
+        if abs(coefficient) != 1 or not factors:
+            factors.insert(0, self.integer(abs(coefficient)))
+        product = reduce(self.product, factors)
+        return self.negative(product) if coefficient < 0 else product
 
     def value(self, node: Node) -> PrintedFraction:
         """Write the value of a node: by the expression it was given, else by the node's name."""

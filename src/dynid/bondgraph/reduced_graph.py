@@ -372,7 +372,7 @@ def characteristic_polynomials(reduced: ReducedGraph) -> dict[Port, Any]:
     It is the determinant of the nodal form (the product of the pivots) times s for every storage that
     integrates there (its immittance has s in the denominator).
     """
-    registers = {port: determinant(reduced, reduction) for port, reduction in reduced.reductions.items()}
+    registers = {port: reduction.determinant() for port, reduction in reduced.reductions.items()}
     ratios = reduced.rational(registers.values())
     return {port: ratios[register].lowest_terms()[0] for port, register in registers.items()}
 
@@ -411,9 +411,3 @@ def parts_without_output(reduced: ReducedGraph) -> list[Any] | None:
         covered |= set(separate.reductions[port].junctions)
         polynomials += characteristic_polynomials(separate).values()
     return polynomials
-
-
-def determinant(planned: GraphProgram, reduction: Reduction) -> int:
-    """Write the determinant of the nodal form, times s for every storage that integrates there."""
-    program = planned.program
-    return program.product([*reduction.pivots, *(program.s for _ in range(reduction.integrators))])

@@ -83,7 +83,7 @@ def _one_port_equivalent(
             failure = failure or error
             continue
         if reduction.prototype.fixed and junction.fixing != probe:
-            fixed = _product(program, reduction.pivots, reduction.integrators)
+            fixed = reduction.determinant()
             contributions = _given(cut, program, end, reduction.prototype.kind, reduction.channels)
             side = partial(OnePortEquivalent, name, end, _nodes(cut, reduction), reduction)
             if reduction.prototype.kind == "1":
@@ -121,7 +121,7 @@ def _read(
     drives = _given(cut, program, end, kind, reduction.drives)
     side = partial(OnePortEquivalent, name, end, _nodes(cut, reduction), reduction)
     total = program.add(reduction.prototype.part_a, reduction.prototype.part_b)
-    bare = _product(program, reduction.others, reduction.integrators)
+    bare = program.determinant(reduction.others, reduction.integrators)
     joined = program.mul(bare, total)
     inverse, turned = None, None
     if not program.is_zero(total):
@@ -129,11 +129,6 @@ def _read(
     if kind == "1":
         return side(total, drives, inverse, turned, bare, joined)
     return side(inverse, turned, total, drives, joined, bare)
-
-
-def _product(program: Program, pivots: Iterable[Register], integrators: int) -> Register:
-    """Write a determinant: the product of pivots, times s for every storage that integrates."""
-    return program.product([*pivots, *(program.s for _ in range(integrators))])
 
 
 # --- decomposition ---------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from dynid.bondgraph.floating.roots import (
 )
 from dynid.bondgraph.floating.series import leading_terms
 from dynid.bondgraph.floating.spectrum import natural_equations, spectrum, zero_equations
-from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, determinant
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.errors import Undecided
 from dynid.lti.stability import TransferProperties
 
@@ -30,8 +30,7 @@ class FloatEngine:
     def __init__(self, reduced: ReducedGraph) -> None:
         self.reduced = reduced
         self.channels = reduced.channels()
-        reductions = reduced.reductions.items()
-        determinants = {port: determinant(reduced, reduction) for port, reduction in reductions}
+        determinants = {port: reduction.determinant() for port, reduction in reduced.reductions.items()}
         counted = modular_ratios(reduced, [*self.channels.values(), *determinants.values()])
         self.counts = {channel: counted[register] for channel, register in self.channels.items()}
         self.natural_counts = {port: counted[register][0] for port, register in determinants.items()}

@@ -178,19 +178,14 @@ class FormulaRing:
         return sign, reduce(hand.product, written)
 
     def _term(self, coefficient: int, powers: tuple[int, ...], hand: FormulaPrinter) -> Printed:
-        factors = []
+        bases = []
         for (kind, name), power in zip(self._keys, powers, strict=True):
-            if power == 0:
-                continue
-            if kind == "value":
-                base = hand.whole(hand.value(self._nodes[name]))
-            else:
+            if power and kind == "value":
+                bases.append((hand.whole(hand.value(self._nodes[name])), int(power)))
+            elif power:
                 base = hand.given(name) if kind == "name" else hand.name(name or "s")
-            factors.append(base if power == 1 else hand.power(base, hand.integer(int(power))))
-        if abs(coefficient) != 1 or not factors:
-            factors.insert(0, hand.integer(abs(coefficient)))
-        product = reduce(hand.product, factors)
-        return hand.negative(product) if coefficient < 0 else product
+                bases.append((base, int(power)))
+        return hand.monomial(coefficient, bases)
 
 
 class SumTerm(NamedTuple):

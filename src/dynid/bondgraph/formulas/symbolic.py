@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from fractions import Fraction
-from functools import reduce
 from typing import Any, Self
 
 from dynid.bondgraph.formula_printers import ATOM, POWER, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
@@ -136,15 +135,7 @@ def written(polynomial: Any, hand: FormulaPrinter) -> Printed:
     """Write a polynomial term by term in any hand."""
     names = tuple(_read(name) for name in polynomial.context().names())
     terms = []
-    for powers, c in polynomial.terms():
-        coefficient = int(c)
-        factors = [
-            hand.name(name) if power == 1 else hand.power(hand.name(name), hand.integer(int(power)))
-            for name, power in zip(names, powers, strict=True)
-            if power
-        ]
-        if abs(coefficient) != 1 or not factors:
-            factors.insert(0, hand.integer(abs(coefficient)))
-        product = reduce(hand.product, factors)
-        terms.append(hand.negative(product) if coefficient < 0 else product)
+    for powers, coefficient in polynomial.terms():
+        bases = [(hand.name(n), int(power)) for n, power in zip(names, powers, strict=True) if power]
+        terms.append(hand.monomial(int(coefficient), bases))
     return hand.listed(terms)

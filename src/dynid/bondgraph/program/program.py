@@ -180,6 +180,10 @@ class Program:
             total = self.mul(total, factor)
         return total
 
+    def determinant(self, pivots: Iterable[Register], integrators: int) -> Register:
+        """Write the determinant of a nodal form: the pivots, times s for every storage that integrates."""
+        return self.product([*pivots, *[self.s] * integrators])
+
     def are_opposite(self, a: Register, b: Register) -> bool:
         """Test whether the sum of two registers is identically zero."""
         return not (self._images[a] + self._images[b])

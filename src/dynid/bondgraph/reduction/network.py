@@ -158,13 +158,15 @@ class NodalNetwork:
         if two_port is not None:
             size = program.inv(program.parameter(two_port)) if inverse else program.parameter(two_port)
             minus = program.neg(size)
-        if one_way:
-            self._activate(tail_row, head_row, coupling, size, minus)
-        elif head_row is None and tail_row is not None:
-            self._feed(tail_row, junctions[head].fixing, minus)
+        if head_row is None and tail_row is not None:
+            if not one_way:
+                self._feed(tail_row, junctions[head].fixing, minus)
         elif tail_row is None and head_row is not None:
             self._feed(head_row, junctions[tail].fixing, size)
         elif tail_row is not None and head_row is not None:
+            if one_way:
+                self.add_entry(head_row, tail_row, minus)
+                return
             if head_row in tail_row.entries or self.tie(tail_row, head_row) != BOND:  # one more
                 self.add_entry(tail_row, head_row, size)
                 self.add_entry(head_row, tail_row, minus)
@@ -172,20 +174,6 @@ class NodalNetwork:
             tail_row.entries[head_row], head_row.entries[tail_row] = size, minus
             if two_port is not None:
                 self.retie(tail_row, head_row, Tie(two_port, inverse))
-
-    def _activate(
-        self,
-        tail_row: NodeRow | None,
-        head_row: NodeRow | None,
-        coupling: Coupling,
-        size: Register,
-        minus: Register,
-    ) -> None:
-        """Write the only entry of an activated bond."""
-        if tail_row is not None and head_row is not None:
-            self.add_entry(head_row, tail_row, minus)
-        elif head_row is not None:
-            self._feed(head_row, self.structure.junctions[coupling.tail].fixing, size)
 
     @cached_property
     def _minus_one(self) -> Register:

@@ -265,6 +265,10 @@ class Reduction:
         """Number of storage elements in integral causality: their immittance has s in the denominator."""
         return _integrators(self.structure, self.junctions)
 
+    def determinant(self) -> Register:
+        """Write the determinant of the nodal form, times s for every storage that integrates there."""
+        return self.network.program.determinant(self.pivots, self.integrators)
+
 
 def reduce_graph(
     structure: JunctionStructure,
@@ -387,7 +391,7 @@ def reduction_at_root(
         part_b=element.register,
         name_a=", ".join(term.name for term in rest) or "nothing",
         name_b=element.name,
-        released=partial(_determinant, net, factors),
+        released=lambda: net.program.determinant(factors, _integrators(net.structure, net.junctions)),
         shared=partial(_shared, net, *origins),
         suffix=trace.suffix,
     )
@@ -438,14 +442,6 @@ def _integrators(structure: JunctionStructure, junctions: Iterable[str]) -> int:
         (kind, nodes[element].type) in {("1", "C"), ("0", "I")}
         for kind, name in standing
         for element in structure.junctions[name].elements
-    )
-
-
-def _determinant(net: NodalNetwork, factors: tuple[Register, ...]) -> Register:
-    """Write the determinant with the driving port removed, times s for every storage that integrates."""
-    program = net.program
-    return program.product(
-        [*factors, *(program.s for _ in range(_integrators(net.structure, net.junctions)))]
     )
 
 

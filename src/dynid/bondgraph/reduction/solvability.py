@@ -201,14 +201,6 @@ def explain(structure: JunctionStructure) -> Singular:
     )
 
 
-def _add(row: Sparse, column: str, amount: int, prime: int) -> None:
-    total = (row.get(column, 0) + amount) % prime
-    if total:
-        row[column] = total
-    else:
-        row.pop(column, None)
-
-
 def _product(row: Mapping[str, int], vector: Mapping[str, int], prime: int) -> int:
     return sum(entry * vector[name] for name, entry in row.items() if name in vector) % prime
 
@@ -243,7 +235,10 @@ class _SparseElimination:
                 target = left[row_below]
                 factor = -target[pivot] * inverse % prime
                 for column, entry in row.items():
-                    _add(target, column, factor * entry, prime)
+                    if total := (target.get(column, 0) + factor * entry) % prime:
+                        target[column] = total
+                    else:
+                        target.pop(column, None)
                     if column != pivot:
                         (rows_with[column].add if column in target else rows_with[column].discard)(row_below)
                 if target:

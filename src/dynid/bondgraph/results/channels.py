@@ -100,10 +100,11 @@ def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> N
     except Undecided as error:
         if choice.forced:
             raise
-        choice = choice.fallback(error.problem)
+        choice = EngineChoice("exact", f"{error.problem}; the exact engine decides")
         channels = _channels(reduced, analysis, choice)
     result.merge(channels)
-    result.annotate("bond_graph", **choice.attributes(analysis.reading))
+    about = {"engine": choice.engine, "engine_reason": choice.reason, "engine_limits": choice.limits}
+    result.annotate("bond_graph", **about, reading=analysis.reading)
 
 
 def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -> Result:

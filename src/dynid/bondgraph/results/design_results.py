@@ -95,7 +95,8 @@ def _add_targets(result: Result, designed: Designed) -> None:
         rows = _values(functions, at)
         result.add(f"{group}/{name}", [row[0] for row in rows], ("target",))
         result.add(f"{group}/{name}_damping", [row[1] for row in rows], ("target",), note="0 of a norm")
-    result.add(f"{group}/residual", _residuals(functions, designed.solution.evaluation), ("target",))
+    residuals = [row[2] for row in _values(functions, designed.solution.evaluation)]
+    result.add(f"{group}/residual", residuals, ("target",))
     if design.compared:
         others = [functions.at(functions.coordinates.of(values)) for values in design.compared.values()]
         group = f"{GROUP}/compared"
@@ -116,27 +117,18 @@ def _unit(functions: DesignFunctions, target: Target) -> str:
     return f"{unit}.s^-0.5" if target.kind == "h2" and unit else unit
 
 
-def _values(functions: DesignFunctions, at: Evaluation) -> list[tuple[float, float]]:
-    """Return of each target frequency and damping ratio, or norm and 0; infinite where no root is."""
+def _values(functions: DesignFunctions, at: Evaluation) -> list[tuple[float, float, float]]:
+    """Return of each target frequency, damping ratio and residual, or norm and 0, 0; inf without a root."""
     roots, sizes = iter(at.reached), iter(at.norms)
     rows = []
     for target in functions.design.targets:
         if isinstance(target, Criterion):
-            rows.append((next(sizes).value, 0.0))
+            rows.append((next(sizes).value, 0.0, 0.0))
+        elif (root := next(roots)) is None:
+            rows.append((math.inf, 0.0, 0.0))
         else:
-            root = next(roots)
-            rows.append((math.inf, 0.0) if root is None else (root.frequency, root.damping))
+            rows.append((root.frequency, root.damping, float(np.abs(root.residuals).max())))
     return rows
-
-
-def _residuals(functions: DesignFunctions, at: Evaluation) -> list[float]:
-    """Return the largest residual of each wanted root; 0 of norms, which have none."""
-    roots = iter(at.reached)
-    residuals = []
-    for target in functions.design.targets:
-        root = next(roots) if isinstance(target, RootTarget) else None
-        residuals.append(0.0 if root is None else float(np.abs(root.residuals).max()))
-    return residuals
 
 
 def _add_responses(result: Result, designed: Designed, omega: Array | None) -> None:

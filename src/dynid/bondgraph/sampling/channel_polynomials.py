@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.formulas.symbolic import FormulaTooLong, variables
-from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, determinant
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.defaults import SHARED_POLYNOMIALS
 
 # --- polynomials of samples -----------------------------------------------------------------------
@@ -157,7 +157,7 @@ def channel_polynomials(
     None where they have too many terms, or a channel is zero whatever the values.
     """
     channels = reduced.channels()
-    natural = {port: determinant(reduced, reduction) for port, reduction in reduced.reductions.items()}
+    natural = {port: reduction.determinant() for port, reduction in reduced.reductions.items()}
     try:
         named, unity = variables(["s", *(f"x{k}" for k in range(len(varying)))], _TERMS)
         values = {name: unity.constant(reduced.graph.value(name)) for name in reduced.valued}
