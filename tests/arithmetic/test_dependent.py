@@ -1,13 +1,12 @@
 """Numbers that depend on parameters: values, derivatives, and multiples of the same expression."""
 
 import cmath
-import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.arithmetic.dependent import Dependent, hypot, like_terms, sqrt
+from dynid.arithmetic.dependent import Dependent, like_terms, sqrt
 
 X, Y = Dependent.parameter("x", 2.0), Dependent.parameter("y", 3.0)
 positive = st.floats(0.1, 10.0)
@@ -56,9 +55,8 @@ def test_absent_parameters_have_their_reference_values():
 
 
 def test_lengths():
-    found = hypot(X, 1.5)
+    found = sqrt(X**2 + 1.5**2)
     assert found.at({"x": 2.0}).value == pytest.approx(2.5)
     exact = cmath.sqrt((2.0 + 1e-30j) ** 2 + 1.5**2).imag / 1e-30
     assert found.at({"x": 2.0}).slopes["x"] == pytest.approx(exact, rel=1e-15)
-    assert hypot(3.0, 4.0) == math.hypot(3.0, 4.0)
     assert sqrt(X * X).at({"x": 7.0}) == (7.0, {"x": 1.0})

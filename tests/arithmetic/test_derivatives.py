@@ -59,7 +59,7 @@ def test_every_operation_agrees_with_differences(text, x, y):
 @given(st.floats(0.1, 10), st.floats(0.1, 10))
 def test_a_dependent_number_has_the_slopes_of_its_expression_at_the_reference(x, y):
     known = {"x": Dependent.parameter("x", Fraction(x)), "y": Dependent.parameter("y", Fraction(y))}
-    value, slopes = substituted(parse("x**2 * exp(y) / (1 + x)"), known).at_reference()
+    value, slopes = substituted(parse("x**2 * exp(y) / (1 + x)"), known).at({})
     assert value == pytest.approx(x**2 * math.exp(y) / (1 + x), rel=1e-14)
     assert slopes["x"] == pytest.approx((x**2 + 2 * x) / (1 + x) ** 2 * math.exp(y), rel=1e-13)
     assert slopes["y"] == pytest.approx(value, rel=1e-14)

@@ -116,10 +116,6 @@ class _Evaluated(NamedTuple):
     slopes: Mapping[str, float]
 
 
-def _as_floats(dual: Dual) -> _Evaluated:
-    return _Evaluated(float(dual.value), {name: float(rate) for name, rate in dual.slopes.items()})
-
-
 _Operator: TypeAlias = Callable[[Any, Any], Any]
 
 
@@ -203,11 +199,9 @@ class Dependent:
 
     def at(self, values: Mapping[str, float]) -> _Evaluated:
         """Return value and derivatives at values of the parameters, as floats; raises as `dual`."""
-        return _as_floats(self.dual(values))
-
-    def at_reference(self) -> _Evaluated:
-        """Return value and derivatives at the reference values of the parameters; raises as `dual`."""
-        return _as_floats(self.dual(self.references))
+        dual = self.dual(values)
+        slopes = {name: float(rate) for name, rate in dual.slopes.items()}
+        return _Evaluated(float(dual.value), slopes)
 
     def referred(self, values: Mapping[str, Number]) -> Dependent:
         """Return the same number with other reference values of parameters, by name; raises as `dual`."""

@@ -456,7 +456,7 @@ class DerivedQuantities:
             return [
                 None if subsystem is None
                 else next(roots) if len(subsystem.A) == len(scale)
-                else zeros(subsystem, slopes=False)  # another order of its direct term
+                else zeros_of_all([subsystem], balance(subsystem.A))[0]  # another order of its direct term
                 for subsystem in subsystems
             ]  # fmt: skip
 

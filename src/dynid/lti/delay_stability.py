@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from fractions import Fraction
 
 import numpy as np
@@ -90,7 +91,9 @@ def _at_infinity(closed: QuasiPolynomial, work: Work) -> Verdict | None:
     try:
         inside, lag = _operator_zeros(closed, work)
     except Undecided:
-        inside, lag = _fast_zeros(closed, work), Fraction(0)
+        inside, lag = 0, Fraction(0)
+        with suppress(Undecided):  # zeros of the operator that grow faster than a slow rate
+            inside, _ = _operator_zeros(closed, work, _SLOW / float(max(closed.terms)))
     if inside:
         reason = f"the loop has a gain above 1 at high frequencies and a delay; {_INFINITELY_MANY}"
         return Verdict("unstable", reason, math.inf)
@@ -106,14 +109,6 @@ def _at_infinity(closed: QuasiPolynomial, work: Work) -> Verdict | None:
         return Verdict("unstable", _counted(right), right)
     reason = "stable at these delays, not at delays however near: the gain at high frequencies is too large"
     return Verdict("at the limit", reason, 0)
-
-
-def _fast_zeros(closed: QuasiPolynomial, work: Work) -> int:
-    """Return the zeros of the difference operator that grow faster than a slow rate; 0 if undecided."""
-    try:
-        return _operator_zeros(closed, work, _SLOW / float(max(closed.terms)))[0]
-    except Undecided:
-        return 0
 
 
 def _operator_zeros(closed: QuasiPolynomial, work: Work, line: float = 0.0) -> tuple[int, Fraction]:

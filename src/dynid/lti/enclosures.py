@@ -58,8 +58,9 @@ def enclosures(
     radii = _newton_radii(polynomial)
     exponent = round((max(radii) + min(radii)) / 2)
     if max(map(abs, radii)) > _ROOT_RANGE_BITS and abs(exponent) > 1:  # centred, doubles may hold them
-        scaled = _at_power_of_two(polynomial, exponent)
-        balls = enclosures(scaled, sides=sides, work=work)
+        shift = max(0, -exponent * int(polynomial.degree()))  # p(2^exponent s), times a power of two
+        scaled = [c << (shift + exponent * k) for k, c in enumerate(map(int, polynomial.coeffs()))]
+        balls = enclosures(fmpz_poly(scaled), sides=sides, work=work)
         with ctx.workprec(2 * _MAX_PRECISION):
             return [ball * arb(2) ** exponent for ball in balls]
     evaluated = _BallPolynomial(polynomial, work)
@@ -70,8 +71,10 @@ def enclosures(
         if not starts:
             _approach(evaluated, centres, precisions)
         _iterate(evaluated, centres, precisions)
-        if discs := _isolated(evaluated, centres, precisions):
-            return _with_conjugates([_polished(evaluated, *disc, sides=sides) for disc in discs])
+        discs = [(*_disc(evaluated, *at), at[1]) for at in zip(centres, precisions, strict=True)]
+        if _disjoint(discs):
+            upper = [disc for disc in discs if disc[0].imag >= 0]
+            return _with_conjugates([_polished(evaluated, *disc, sides=sides) for disc in upper])
     precision = _FIRST_PRECISION
     spread = round(evaluated.degree * (max(radii) - min(radii)))
     while precision <= _MAX_PRECISION:  # Arb's isolation: slower, and certified too
@@ -197,12 +200,6 @@ def _initial_values(
     return [acb(start) for start in values]
 
 
-def _at_power_of_two(polynomial: Any, exponent: int) -> Any:
-    """Return p(2^exponent s), times a power of two."""
-    shift = max(0, -exponent * int(polynomial.degree()))
-    return fmpz_poly([c << (shift + exponent * k) for k, c in enumerate(map(int, polynomial.coeffs()))])
-
-
 def _newton_radii(polynomial: Any) -> list[float]:
     """Return log2 of the roots' moduli, from the Newton polygon of the coefficients."""
     hull: list[tuple[int, float]] = []
@@ -292,16 +289,6 @@ def _reach(polynomial: _BallPolynomial, centre: Any, precision: int) -> Any:
     with ctx.workprec(precision):
         ratio = polynomial.at(centre, precision) / polynomial.at(centre, precision, 1)
         return (polynomial.degree * ratio).abs_upper()
-
-
-def _isolated(
-    polynomial: _BallPolynomial, centres: list[Any], precisions: list[int]
-) -> list[tuple[Any, Any, int]]:
-    """Return disjoint discs of one root each, of conjugate pairs the upper; none if they overlap."""
-    discs = [
-        (*_disc(polynomial, centre, bits), bits) for centre, bits in zip(centres, precisions, strict=True)
-    ]
-    return [disc for disc in discs if disc[0].imag >= 0] if _disjoint(discs) else []
 
 
 def _disjoint(discs: list[tuple[Any, Any, int]]) -> bool:

@@ -76,13 +76,9 @@ def poles_of_all(matrices: Sequence[Array], scale: Array) -> list[Roots]:
 
 
 def zeros(
-    system: ParametricSystem,
-    *,
-    slopes: bool = True,
-    scale: Array | None = None,
-    spread: Array | None = None,
+    system: ParametricSystem, *, scale: Array | None = None, spread: Array | None = None
 ) -> Roots | None:
-    """Return the finite zeros of a system, with their derivatives unless `slopes` is False.
+    """Return the finite zeros of a system, with their derivatives.
 
     None where the input does not affect the output. `scale` (n) balances A, as that of a system nearby does;
     default: its own. `spread` merges zeros as it does `poles`.
@@ -90,8 +86,6 @@ def zeros(
     n, p = len(system.A), len(system.A_slopes)
     if scale is None:
         scale = balance(system.A)
-    if not slopes:
-        return zeros_of_all([system], scale)[0]
     A, b, c = rescaled(system.A, scale), system.b / scale, system.c * scale
     speed = max(float(np.linalg.norm(A)), np.finfo(float).tiny)
     of_b, of_c = float(np.linalg.norm(b)), float(np.linalg.norm(c))

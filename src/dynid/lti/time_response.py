@@ -185,13 +185,15 @@ def _propagated(system: StateSpace, line: Timeline, initial: Array) -> Array:
     n = len(initial)
     d = balance(system.A)
     A, drive = rescaled(system.A, d), system.B @ line.H / d[:, None]
-    steps = [_joint_step(A, drive, line.G, h) for h in line.lengths]
+    scale = drive_scale(A, drive)
+    joint = joint_generator(A, drive * scale, line.G)
+    exponentials = [exponential(joint, h) for h in line.lengths]  # Phi and scale * Gamma
     x = initial / d
     jump = system.B @ line.jumps / d
     forcing = np.empty((len(line.which), n))
-    for k, (_, Gamma) in enumerate(steps):
+    for k, E in enumerate(exponentials):
         here = line.which == k
-        forcing[here] = line.W[:-1][here] @ Gamma.T
+        forcing[here] = line.W[:-1][here] @ (E[:n, n:] / scale).T
     # Stretches of equal steps, ending at the jump as well.
     changes = np.flatnonzero(np.diff(line.which)) + 1
     at_jump = [line.jump_node] if 0 < line.jump_node < len(line.which) else []
@@ -206,19 +208,13 @@ def _propagated(system: StateSpace, line: Timeline, initial: Array) -> Array:
                 accurate = count >= _MANY_STEPS and n <= LONG_STEPS.value
                 return accurate_exponential(A, count * h) if accurate else None
 
-            inside = recurrence(steps[k][0], forcing[first:last, None], states[first, None], power)
+            inside = recurrence(
+                exponentials[k][:n, :n], forcing[first:last, None], states[first, None], power
+            )
             states[first + 1 : last + 1] = inside[:, 0]
             if last == line.jump_node:
                 states[last] += jump
     return np.asarray(states[line.wanted] * d)
-
-
-def _joint_step(A: Array, drive: Array, G: Array, h: float) -> tuple[Array, Array]:
-    """Return Phi and Gamma of ``x(t+h) = Phi x(t) + Gamma w(t)`` for ``x' = A x + drive w``, ``w' = G w``."""
-    n = len(A)
-    scale = drive_scale(A, drive)
-    E = exponential(joint_generator(A, drive * scale, G), h)
-    return E[:n, :n], E[:n, n:] / scale
 
 
 def joint_generator(A: Array, drive: Array, G: Array) -> Array:

@@ -46,7 +46,7 @@ def _slopes(entry: Quantity) -> dict[str, float]:
     """Return the derivatives of an entry by the parameters that it depends on, to ten digits."""
     if entry.dependent is None:
         return {}
-    return {name: float(f"{rate:.10g}") for name, rate in entry.dependent.at_reference().slopes.items()}
+    return {name: float(f"{rate:.10g}") for name, rate in entry.dependent.at({}).slopes.items()}
 
 
 _JointMatrix = Annotated[
