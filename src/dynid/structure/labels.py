@@ -260,39 +260,22 @@ def listed(labels: Sequence[Label]) -> str:
 class Nodes:
     """Nodes of a structure: numbers, positions, and what a picture of them needs.
 
-    Parameters
-    ----------
-    numbers
-        Numbers of the nodes (N); in assemblies of several parts texts such as ``arm.20``.
-    xyz
-        Positions (N x 3), m, basic coordinates.
-    axes
-        By node a matrix (3 x 3) whose rows are the directions x, y, z of the node's own DOFs in basic
-        coordinates; nodes that are absent have the basic ones.
-    sets
-        Named sets of nodes.
-    lines
-        Pairs of nodes: edges to draw.
-    notes
-        What else their file says, in words: coordinate systems, constraints that are not applied.
-    doubts
-        Sentences on what contradicts the nodes, does not confirm them, or makes their model inaccurate.
-    points
-        Nodes that are none of the structure: they move with a node, or with a set of nodes.
-
-    Raises
-    ------
-    UsageError
-        If shapes do not fit, a node stands twice or is not there, or axes are not orthonormal.
+    Raises UsageError if shapes do not fit, a node stands twice or is not there, or axes are not orthonormal.
     """
 
+    # Numbers of the nodes (N); in assemblies of several parts texts such as ``arm.20``.
     numbers: tuple[Node, ...]
-    xyz: Array
+    xyz: Array  # positions (N x 3), m, basic coordinates
+    # By node a matrix (3 x 3) whose rows are the directions x, y, z of the node's own DOFs in basic
+    # coordinates; nodes that are absent have the basic ones.
     axes: Mapping[Node, Array] = field(default_factory=dict)
-    sets: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)
-    lines: tuple[tuple[Node, Node], ...] = ()
+    sets: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)  # named sets of nodes
+    lines: tuple[tuple[Node, Node], ...] = ()  # pairs of nodes: edges to draw
+    # What else their file says, in words: coordinate systems, constraints that are not applied.
     notes: tuple[str, ...] = ()
+    # Sentences on what contradicts the nodes, does not confirm them, or makes their model inaccurate.
     doubts: tuple[str, ...] = ()
+    # Nodes that are none of the structure: they move with a node, or with a set of nodes.
     points: tuple[Node, ...] = ()
 
     def __post_init__(self) -> None:

@@ -26,27 +26,19 @@ class Matching:
 
     Raises UsageError if the axes are not orthonormal and right-handed, or positions are compared without a
     tolerance.
-
-    Parameters
-    ----------
-    by
-        ``number``, or ``position``: the closest node of the model that has DOFs, or moves rigidly with
-        others; no point.
-    tolerance
-        How far a node of the test may lie from its node of the model, m; needed for positions. With numbers
-        and positions of the test it is checked; None: it is not.
-    origin
-        Origin of the test's coordinates in those of the model (3), m.
-    axes
-        Directions x, y, z of the test in the coordinates of the model, rows (3 x 3).
-    pairs
-        Nodes of the model by nodes of the test, where neither number nor position is right.
     """
 
+    # ``number``, or ``position``: the closest node of the model that has DOFs, or moves rigidly with others;
+    # no point.
     by: str = "number"
+    # How far a node of the test may lie from its node of the model, m; needed for positions. With numbers and
+    # positions of the test it is checked; None: it is not.
     tolerance: float | None = None
+    # Origin of the test's coordinates in those of the model (3), m.
     origin: Array = field(default_factory=lambda: np.zeros(3))
+    # Directions x, y, z of the test in the coordinates of the model, rows (3 x 3).
     axes: Array = field(default_factory=lambda: np.eye(3))
+    # Nodes of the model by nodes of the test, where neither number nor position is right.
     pairs: Mapping[Node, Node] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
