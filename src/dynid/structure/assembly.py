@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,16 +191,8 @@ def damped_structure(
     )
 
 
-class _AtNode(Protocol):
-    """Anything at a node."""
-
-    @property
-    def node(self) -> int:
-        """The node, from 1."""
-
-
-def check_nodes(what: str, items: Iterable[_AtNode], nodes: int, directions: Sequence[str]) -> None:
-    """Refuse items at nodes or along directions that do not exist.
+def check_nodes(what: str, items: Iterable[Any], nodes: int, directions: Sequence[str]) -> None:
+    """Refuse items with a `node`, from 1, or along directions that do not exist.
 
     Raises UsageError naming the first.
     """

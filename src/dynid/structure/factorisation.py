@@ -34,28 +34,15 @@ def factorise(
     A random right-hand side is solved at once, so that a backend that returns wrong solutions is refused
     before anything is built on it.
 
-    Parameters
-    ----------
-    A
-        The matrix (n x n), symmetric, scaled so that its entries are of like size. A complex one, symmetric
-        too and not Hermitian, is taken by `splu` alone.
-    backend
-        One of `dynid.structure.backends.BACKENDS`, or ``auto``: that of `backend_for`. ``ldl`` leaves a
-        matrix that is not definite, and not to be factorised without pivoting, to ``splu``.
-    definite
-        True of a positive definite matrix: some backends take no others, and others are faster then.
-    order
-        A good order of elimination (n), of a matrix of the same pattern (`Factorisation.order`).
+    `A`: the matrix (n x n), symmetric, scaled so that its entries are of like size; a complex one, symmetric
+    too and not Hermitian, is taken by `splu` alone; `backend`: one of `BACKENDS`, or ``auto``: that of
+    `backend_for`; ``ldl`` leaves a matrix that is not definite, and not to be factorised without pivoting, to
+    ``splu``; `definite`: True of a positive definite matrix: some backends take no others, and others are
+    faster then; `order`: a good order of elimination (n), of a matrix of the same pattern.
 
-    Raises
-    ------
-    UsageError
-        If the matrix is not sparse and square, or there is no such backend, it is not installed, or does not
-        take complex or indefinite matrices.
-    Singular
-        If the matrix is singular, or not definite where it should be.
-    NumericalError
-        If the backend's solutions are wrong.
+    Raises UsageError if the matrix is not sparse and square, or a backend does not exist, is not installed,
+    or does not take such matrices, Singular if the matrix is singular, or not definite where it should be,
+    and NumericalError if the backend's solutions are wrong.
     """
     if not issparse(A) or A.shape[0] != A.shape[1]:
         raise UsageError("a matrix to be factorised must be sparse and square")

@@ -141,13 +141,11 @@ class DofNames:
 
     def has(self, name: Label, *, signed: bool = False) -> bool:
         """Return True if a name is that of a DOF or motion; `signed`: where it may have a sign."""
-        name = self._as_number(name)
-        if name in self._own:
-            return True
-        if isinstance(name, int):
-            return 1 <= name <= len(self.labels) and not self._numbered
-        bare = str(unsigned(name))
-        return (signed or bare == name) and (bare in self._own or len(self._at(bare)) == 1)
+        try:
+            (self.find_signed if signed else self.find)(name)
+        except UsageError:
+            return False
+        return True
 
     def misnamed(self, name: Label, *, signed: bool = False) -> str | None:
         """Return what is wrong with a text that names no DOF, as far as it has a node, direction or sign.

@@ -207,11 +207,15 @@ def lowest_modes(
             return undamped
         if (solution := _damped_sparse(undamped)) is not None:
             return solution
-    if damped:
-        return _damped(model, values, count, matrices)
+    M, C, K = as_array(M), as_array(C), as_array(K)
+    if damped:  # in coordinates of all undamped modes
+        dense_modes = modes(M, C, K, backend="dense")
+        poles, U = second_order_poles(dense_modes.omega, dense_modes.shapes.T @ C @ dense_modes.shapes)
+        kept = np.flatnonzero(poles.imag > STILL * np.abs(poles))[:count]
+        return ModalSolution(model, values, poles[kept], dense_modes.shapes @ U[:, kept], matrices)
     all_modes = len(M) <= _MOST_WHOLE
-    square, shapes, inverse = _undamped(as_array(M), as_array(K), len(M) if all_modes else count, near**2)
-    poles: ComplexArray = np.asarray(1j * np.sqrt(np.maximum(square[:count], 0.0)), dtype=np.complex128)
+    square, shapes, inverse = _undamped(M, K, len(M) if all_modes else count, near**2)
+    poles = np.asarray(1j * np.sqrt(np.maximum(square[:count], 0.0)), dtype=np.complex128)
     return ModalSolution(model, values, poles, shapes[:, :count], matrices, inverse if all_modes else None)
 
 
@@ -239,20 +243,6 @@ def _undamped(M: Array, K: Array, count: int, shift: float) -> tuple[Array, Arra
     heavy = inverse.mu > _MASSLESS_MOTION_TOL * inverse.mu[0]
     mu, shapes = inverse.mu[heavy], inverse.vectors[:, heavy]
     return 1 / mu - shift, shapes / np.sqrt(mu), inverse
-
-
-def _damped(
-    model: StructuralModel,
-    values: Mapping[str, float],
-    count: int,
-    matrices: tuple[Matrix, Matrix, Matrix],
-) -> ModalSolution:
-    """Return the lowest damped modes, in coordinates of all undamped ones."""
-    M, C, K = (as_array(matrix) for matrix in matrices)
-    undamped = modes(M, C, K, backend="dense")
-    poles, U = second_order_poles(undamped.omega, undamped.shapes.T @ C @ undamped.shapes)
-    kept = np.flatnonzero(poles.imag > STILL * np.abs(poles))[:count]
-    return ModalSolution(model, values, poles[kept], undamped.shapes @ U[:, kept], matrices)
 
 
 def _damped_sparse(undamped: ModalSolution) -> ModalSolution | None:

@@ -232,7 +232,11 @@ class ModeMemory:
             return None
         if self.backend != backend or count > len(self.modes.omega):
             return None
-        if not all(_equal(*pair) for pair in zip(matrices, self.matrices, strict=True)):
+        if not all(
+            new is old or np.array_equal(getattr(new, part), getattr(old, part))
+            for new, old in zip(matrices, self.matrices, strict=True)
+            for part in ("indptr", "indices", "data")
+        ):
             return None
         self.seconds += self.cost
         return self.modes.first(count)
@@ -250,14 +254,6 @@ def remembered_modes() -> Iterator[ModeMemory]:
         yield memory
     finally:
         _memory.reset(token)
-
-
-def _equal(first: Matrix, second: Matrix) -> bool:
-    """Return True if sparse matrices are the same, entry by entry as they are stored."""
-    if first is second:
-        return True
-    parts = ((getattr(first, name), getattr(second, name)) for name in ("indptr", "indices", "data"))
-    return all(np.array_equal(a, b) for a, b in parts)
 
 
 @guarded("the modes of the structure")

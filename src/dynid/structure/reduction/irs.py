@@ -90,26 +90,15 @@ class Irs(OnMasters):
             if moved.max() > _OPEN:
                 at, largest = int(np.argmax(moved > _OPEN)) + 1, 100 * float(moved.max())
                 raise _open_to_rounding(f"it moves the frequency of mode {at} by {largest:.2g} %")
-        return _in_masters_or_modes(model, cut, T, square, solve.condition)
-
-
-def _in_masters_or_modes(
-    model: StructuralModel, cut: Partition, T: Array, square: Array, condition: float
-) -> StructuralReduction:
-    """Return the model on a basis of its own modes, in the masters' displacements where these hold them.
-
-    `T`: the motion in the modes of the reduced model (n x m), of unit modal mass; `square`: their squared
-    frequencies (m).
-    """
-    lost, labels = cancellation(T[cut.masters], square)[1], cut.labels(model)
-    if lost <= MASTER_COORDINATES.value:
-        slaves = np.asarray(np.linalg.solve(T[cut.masters].T, T[cut.slaves].T).T, dtype=np.float64)
-        reduced, rule = projected(model, cut.basis(slaves), labels), ""
-    else:
-        names = [f"reduced_mode_{number}" for number in range(1, T.shape[1] + 1)]
-        reduced = projected(model, T, names, np.flatnonzero(square == 0).tolist())
-        rule = modal_rule(float(lost))
-    return StructuralReduction(reduced, labels, condition=condition, inverted=SLAVES, rule=rule)
+        lost, labels, rule = cancellation(T[cut.masters], square)[1], cut.labels(model), ""
+        if lost <= MASTER_COORDINATES.value:
+            slaves = np.asarray(np.linalg.solve(T[cut.masters].T, T[cut.slaves].T).T, dtype=np.float64)
+            reduced = projected(model, cut.basis(slaves), labels)
+        else:
+            names = [f"reduced_mode_{number}" for number in range(1, T.shape[1] + 1)]
+            reduced = projected(model, T, names, np.flatnonzero(square == 0).tolist())
+            rule = modal_rule(float(lost))
+        return StructuralReduction(reduced, labels, condition=solve.condition, inverted=SLAVES, rule=rule)
 
 
 class _Iteration(NamedTuple):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +56,9 @@ class StackedModes(NamedTuple):
 
     def numbered(self, numbers: Sequence[int]) -> StackedModes:
         """Return some modes, by their numbers from 1."""
+        arrays: tuple[Any, ...] = self
         columns = np.array(numbers, dtype=np.intp) - 1
-        return StackedModes(*(array[..., columns] for array in self))
+        return StackedModes(*(array[..., columns] for array in arrays))
 
 
 class Stack:
