@@ -46,7 +46,8 @@ class StudyColumn:
 
 def statuses(exit_codes: NDArray[np.int64]) -> NDArray[Any]:
     """Return the status of samples by their exit codes: pending (-1), done (0) or failed."""
-    return np.array(["pending", "done", "failed"], dtype=object)[np.sign(exit_codes) + 1]
+    names: NDArray[Any] = np.array(["pending", "done", "failed"], dtype=object)[np.sign(exit_codes) + 1]
+    return names
 
 
 def lengths_of(path: str, variable: Variable) -> str | None:
