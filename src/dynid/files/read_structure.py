@@ -69,7 +69,12 @@ def imported(
     ``stiffness``, …); `UsageError` if the matrices are not those of a structure.
     """
     roles = {"mass": mass, "damping": damping, "stiffness": stiffness}
-    files = {(role, index): term for role, parts in roles.items() for index, term in enumerate(_parts(parts))}
+    files: dict[Key, MatrixPart] = {}
+    for role, source in roles.items():
+        terms = [MatrixPart(source)] if isinstance(source, MatrixFile) else source
+        files |= {
+            (role, index): term for index, term in enumerate(terms if isinstance(terms, Sequence) else ())
+        }
     parts = {}
     for key in sorted(files, key=lambda key: ["mass", "stiffness", "damping"].index(key[0])):
         try:
@@ -101,14 +106,6 @@ def imported(
         names, known_nodes = assigned(M.reference, K.reference, names, file)
     law = damping if isinstance(damping, ProportionalDamping | ModalDamping) else None
     return damped_structure(M, C, K, law, joints, names, parameters, known_nodes)
-
-
-def _parts(
-    source: MatrixFile | Sequence[MatrixPart] | ProportionalDamping | ModalDamping | None,
-) -> Sequence[MatrixPart]:
-    if isinstance(source, MatrixFile):
-        return [MatrixPart(source)]
-    return source if isinstance(source, Sequence) else []
 
 
 def _sum(role: str, parts: Sequence[tuple[Real, Matrix]], n: int, dense: bool) -> DependentMatrix:

@@ -76,20 +76,16 @@ def data_sets(content: bytes) -> list[DataSet]:
                 f"does not end with the line -1: it is truncated within the data set of type {kind[1]} in "
                 f"line {line}"
             )
-        lines = [_head(kind), *_lines(content[start:text_ends])[1:]]
+        head = f"{int(kind[1]):6d}"  # the type, in the columns of the format
+        if kind[2]:
+            order, form, count, size = _binary_fields(kind[3])
+            head += f"b{order:6d}{form:6d}{count:12d}{size:12d}"
+        lines = [head, *_lines(content[start:text_ends])[1:]]
         sets.append(DataSet(int(kind[1]), line, lines, content[text_ends : end.start()]))
         opening, last = limit.search(content, end.end()), end
     if content[last.end() :].strip(b"\0 \t\r\n"):
         raise BlockError("does not end with the line -1: it is no Universal File, or is truncated")
     return sets
-
-
-def _head(kind: re.Match[str]) -> str:
-    """Return the line with the type of a data set, in the columns of the format."""
-    if not kind[2]:
-        return f"{int(kind[1]):6d}"
-    order, form, lines, size = _binary_fields(kind[3])
-    return f"{int(kind[1]):6d}b{order:6d}{form:6d}{lines:12d}{size:12d}"
 
 
 def _binary_fields(head: str) -> tuple[int, int, int, int]:
@@ -121,13 +117,12 @@ def _lines(content: bytes) -> list[str]:
         text = content.decode("utf-8")
     except UnicodeDecodeError:
         text = content.decode("cp1252", errors="replace")
-    return [_plain(line.rstrip()) for line in text.removesuffix("\n").split("\n")]
-
-
-def _plain(line: str) -> str:
-    if _NUMERIC.fullmatch(line) is None:
-        return line
-    return _BARE_EXPONENT.sub(r"\1E\2", line.replace("D", "E").replace("d", "e"))
+    return [
+        _BARE_EXPONENT.sub(r"\1E\2", line.replace("D", "E").replace("d", "e"))
+        if _NUMERIC.fullmatch(line)
+        else line
+        for line in map(str.rstrip, text.removesuffix("\n").split("\n"))
+    ]
 
 
 def check_columns(data_set: DataSet, first: int = 0, last: int | None = None) -> None:

@@ -216,6 +216,9 @@ def _function(
         for axis in ("ordinate", "orddenom")
     )
     labels = _label(data_set, "ordinate"), _label(data_set, "orddenom")
+    step = float(data_set["abscissa_inc"])
+    if np.isfinite(step) and step > 0:  # six digits are printed
+        step = _of_whole_rate(step, 0.5 * 10 ** (np.floor(np.log10(step)) - 5))
     return UniversalFunction(
         str(data_set.get("id1", "")).strip() or f"function {number}",
         int(data_set["func_type"]),
@@ -223,7 +226,7 @@ def _function(
         values,
         claimed,
         int(data_set["abscissa_spacing"]) == 1,
-        _increment(float(data_set["abscissa_inc"])),
+        step,
         response,
         reference,
         quantity,
@@ -231,13 +234,6 @@ def _function(
         labels,
         function_units(quantity, response[1], over, reference[1], labels, units),
     )
-
-
-def _increment(printed: float) -> float:
-    """Return an increment, of which six digits are printed: that of a whole rate if exactly one fits them."""
-    if not (np.isfinite(printed) and printed > 0):
-        return printed
-    return _of_whole_rate(printed, 0.5 * 10 ** (np.floor(np.log10(printed)) - 5))
 
 
 def _of_whole_rate(step: float, rounding: float) -> float:
