@@ -272,8 +272,8 @@ class ReducedGraph(GraphProgram):
         )
         if planned is None:
             return False
-        self.program, self._all_solved = planned.program, not planned.unsolved
-        self.reductions = planned.reductions
+        self.program, self.reductions, unsolved = planned
+        self._all_solved = not unsolved
         return True
 
     def _residues(self) -> PlanResidues:

@@ -165,7 +165,7 @@ def expand_modes(
         shapes, squares = _modal(expansion.name, model)
         texts = {index: f"mode_{index + 1}" for index in range(shapes.shape[1])}
     values = rows @ shapes
-    values[np.abs(values) <= _CANCELLATION_RTOL * np.abs(_motion(model, shapes)).max(axis=0)] = 0.0
+    values[np.abs(values) <= _CANCELLATION_RTOL * np.abs(model.expand(shapes)).max(axis=0)] = 0.0
     junctions = {index: expansion.add("1", f"{expansion.name}.{text}") for index, text in texts.items()}
     for letter, kind in _ELEMENTS:
         expansion.add_squares(kind, squares[letter], junctions, texts, letter)
@@ -188,11 +188,6 @@ def expand_modes(
 
 def _full(model: StructuralModel) -> StructuralModel:
     return model if model.basis is None else _full(model.basis.parent)
-
-
-def _motion(model: StructuralModel, shapes: Array) -> Array:
-    """Return the motion of all DOFs for coordinates of a reduced model."""
-    return model.expand(shapes)
 
 
 def _modal(name: str, model: StructuralModel) -> tuple[Array, dict[str, list[Square]]]:
@@ -236,7 +231,7 @@ def _displacements(model: StructuralModel, rows: Array) -> tuple[list[Label], Ar
     from scipy.linalg import qr  # heavy import, needed here only
 
     full = _full(model)
-    motion = _motion(model, np.eye(model.size))
+    motion = model.expand(np.eye(model.size))
     size = np.abs(motion).max(axis=0)
     weight = np.ones(len(motion))
     for row in rows:

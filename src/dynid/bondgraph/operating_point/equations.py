@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.graph import ONE_PORTS, SOURCES, STORAGES, TWO_PORTS, Port, bond_sign
 from dynid.bondgraph.operating_point.element_laws import Law, LawGraph
 from dynid.errors import Singular
@@ -327,6 +326,3 @@ def at_point(equations: LawEquations, inputs: Mapping[str, Fraction], values: It
         if not source or source in inputs
     ]
     return LawSystem(equations, linear, fixed=tuple(map(equations.column, values)))
-
-
-__all__ = ["Conserved", "LawEquations", "LawRow", "LawSystem", "OutOfRangeError", "at_point", "at_rest"]

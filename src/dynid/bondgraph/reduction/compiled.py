@@ -151,14 +151,6 @@ class CompiledProgram(Program):
         )
 
 
-class _CompiledReductions(NamedTuple):
-    """The reductions of a graph to its outputs, in one program."""
-
-    program: CompiledProgram
-    reductions: dict[Port, Reduction]  # by output
-    unsolved: bool  # whether there are junctions that no output depends on and no source fixes
-
-
 def compiled_reductions(
     graph: BondGraph,
     residues: PlanResidues,
@@ -167,8 +159,12 @@ def compiled_reductions(
     structure: Callable[[], JunctionStructure],
     *,
     balanced: bool,
-) -> _CompiledReductions | None:
-    """Return the reductions of a graph, without traces; None where the library refuses."""
+) -> tuple[CompiledProgram, dict[Port, Reduction], bool] | None:
+    """Return the reductions of a graph to its outputs in one program, without traces.
+
+    The last is whether there are junctions that no output depends on and no source fixes. None where the
+    library refuses.
+    """
     names = list(graph.nodes)
     numbers = graph.numbers
     if any(source.startswith(STORED) for source in inputs):
@@ -221,7 +217,7 @@ def compiled_reductions(
         net.root.sources = {inputs[source]: register for source, register in drives.tolist()}
         driven = frozenset(inputs[k] for k in np.flatnonzero(driving).tolist())
         reductions[port] = reduction_at_root(net, work, NoTrace(), port, driven)
-    return _CompiledReductions(program, reductions, unsolved=not solved.all())
+    return program, reductions, not solved.all()
 
 
 def _junction_names(graph: BondGraph, names: list[str], drawn: list[int]) -> list[str]:

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -135,10 +135,8 @@ def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
             signals = {name: (name, signal) for name, signal in analysis.signals}
             sources = [str(name) for name in result[f"{_TIME}/source"].data]
             alone = [_nonlinear_response(point, ports, times, [signals[name]], initial) for name in sources]
-            outputs, error = (
-                np.stack([response.outputs for response in alone], axis=-1),
-                max(response.error for response in alone),
-            )
+            outputs = np.stack([deviations for deviations, _ in alone], axis=-1)
+            error = max(error for _, error in alone)
         else:
             outputs, error = _nonlinear_response(point, ports, times, analysis.signals, initial)
     except NumericalError as failure:
@@ -167,21 +165,14 @@ _MAX_VARIABLES = 600
 _MOST_EVALUATIONS, _MOST_BY_SAMPLE = 20_000, 20
 
 
-class _NonlinearResponse(NamedTuple):
-    """A nonlinear response."""
-
-    outputs: Array  # deviations of the outputs from the operating point (times x outputs)
-    error: float  # estimate of the error, beside the largest deviation of each output
-
-
 def _nonlinear_response(
     point: OperatingPoint,
     outputs: Sequence[Port],
     times: Array,
     signals: Sequence[tuple[str, Signal]],
     initial: Mapping[str, float | Fraction],
-) -> _NonlinearResponse:
-    """Return the response to deviations of inputs and stored energy from an equilibrium."""
+) -> tuple[Array, float]:
+    """Return deviations of outputs from an equilibrium (times x outputs), and the estimate of their error."""
     if not point.equilibria:
         raise NumericalError("the point is given, and not solved for as an equilibrium")
     if any(signal.jump for _, signal in signals):
@@ -190,7 +181,7 @@ def _nonlinear_response(
     fine, coarse = run.integrated(TOLERANCE), run.integrated(COARSE)
     size = np.abs(fine).max(axis=0)
     size[size == 0] = 1.0
-    return _NonlinearResponse(fine, float((np.abs(fine - coarse) / size).max(initial=0.0)))
+    return fine, float((np.abs(fine - coarse) / size).max(initial=0.0))
 
 
 class _Run:
