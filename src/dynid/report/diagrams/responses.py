@@ -324,32 +324,20 @@ def _identified(result: Result, group: str, pair: str) -> Chart:
 
 
 def designed_responses(result: Result) -> Iterator[Figure]:
-    """Yield magnitude and phase of every channel with a target, at the start and as designed."""
+    """Yield magnitude and phase of every channel with a target, as designed and at the start."""
     group = f"{DESIGN}/frequency_response"
     if f"{group}/designed" not in result:
         return
+    at = frequencies(result, f"{group}/omega")
     for index, name in enumerate(result[f"{group}/channel"].data[:_DERIVED]):
-        suffix = f"-{index + 1}" if index else ""
-        yield Figure(f"design{suffix}", f"Design of {name}", partial(_designed, result, index))
-
-
-def _designed(result: Result, target: int) -> Chart:
-    group = f"{DESIGN}/frequency_response"
-    at, unit = frequencies(result, f"{group}/omega"), str(result[f"{group}/unit"].data[target])
-    columns, rows = dict(at.columns), []
-    for quantity, symbol, measure in (("magnitude", "dB", decibels), ("phase", "°", degrees)):
-        layers: list[Layer] = []
-        for design, colour in (("start", "s2"), ("designed", "s1")):
-            values = measure(result[f"{group}/{design}"].data[:, target])
-            layers.append(Curve(at.shown, values, design, colour))
-            columns[labelled(f"{quantity}, {design}", symbol)] = values
-        rows.append([Subplot(at.axis, PlotAxis(labelled(quantity, symbol)), layers, height=210.0)])
-    size = [
-        float(np.max(np.abs(result[f"{group}/{design}"].data[:, target]))) for design in ("start", "designed")
-    ]
-    of = f" {unit}" if unit not in ("", "1") else ""
-    about = (
-        f"Frequency response of {result[f'{group}/channel'].data[target]} at the start of the design and as "
-        f"designed; over these frequencies at most {size[0]:.4g}{of} and {size[1]:.4g}{of}."
-    )
-    return Chart(rows, about, table_of(columns), shared=True)
+        designs = ("designed", "start")
+        curves = [(design, result[f"{group}/{design}"].data[:, index]) for design in designs]
+        unit = str(result[f"{group}/unit"].data[index])
+        of = f" {unit}" if unit not in ("", "1") else ""
+        last, first = (f"{float(np.max(np.abs(values))):.4g}{of}" for _, values in curves)
+        about = (
+            f"Frequency response of {name} at the start of the design and as designed; over these "
+            f"frequencies at most {first} and {last}."
+        )
+        draw = partial(_bode, about, at, curves, "1", "magnitude")
+        yield Figure(f"design{f'-{index + 1}' if index else ''}", f"Design of {name}", draw)
