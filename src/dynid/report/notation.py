@@ -158,10 +158,10 @@ def typeset(latex: str, size: float = TITLE) -> TypesetFormula:
     return _Typesetter(latex).row(size)
 
 
-def draw_formula(svg: Svg, formula: TypesetFormula, x: float, y: float, cls: str = "") -> None:
+def draw_formula(svg: Svg, formula: TypesetFormula, x: float, y: float) -> None:
     """Draw a formula with the left end of its baseline at a point."""
     for piece in formula.pieces:
-        styles = " ".join(filter(None, ("math", "it" if piece.italic else "", cls)))
+        styles = "math it" if piece.italic else "math"
         options: dict[str, str | float] = {"textLength": piece.width, "lengthAdjust": "spacingAndGlyphs"}
         style = f"font-size: {number(piece.size)}px"
         svg.element("text", styles, plain(piece.text), x=x + piece.x, y=y + piece.y, style=style, **options)

@@ -41,7 +41,7 @@ from dynid.report.drawing.sketch import (
     folded,
     instances,
 )
-from dynid.report.figure import Figure, FigureTable, Picture
+from dynid.report.figure import CellValue, Figure, FigureTable, Picture
 from dynid.report.notation import short
 from dynid.report.scenes import scene_of, scene_of_text
 from dynid.report.svg import SMALL, Svg
@@ -290,8 +290,10 @@ def _strip_picture(drawn: DrawnGraph, port: Port, rows: list[dict[str, str]]) ->
         height = height + 8 + 2 * SMALL
         caption += f" Dashed lines are {_DASHED}."
     columns = ("rule", "nodes", "equation", "meaning")
-    cells = tuple((number, *(row[column] for column in columns)) for number, row in enumerate(rows, 1))
-    table = FigureTable(("step", *columns), cells)
+    cells: list[tuple[CellValue, ...]] = [
+        (number, *(str(row[column]) for column in columns)) for number, row in enumerate(rows, 1)
+    ]
+    table = FigureTable(("step", *columns), tuple(cells))
     return Picture(svg.render(width, height), caption, table)
 
 

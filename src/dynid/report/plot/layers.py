@@ -247,12 +247,10 @@ class ReferenceLine(Layer):
     label: str = ""
     cls: str = "line dashed"
     upright: bool = False
-    spans: bool = True
 
     def extent(self) -> Extent:
         """Return its value."""
-        values = [[self.value]] if self.spans else []
-        return (values, []) if self.upright else ([], values)
+        return ([[self.value]], []) if self.upright else ([], [[self.value]])
 
     def draw(self, svg: Svg, area: PlotArea) -> None:
         """Draw it."""
