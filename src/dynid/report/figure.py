@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,10 +15,6 @@ from numpy.typing import ArrayLike
 from dynid.errors import DynidError, UsageError
 from dynid.report.svg import COLOURS, resolved
 from dynid.result import Result
-
-if TYPE_CHECKING:
-    from dynid.report.plot import Chart
-
 
 CellValue = str | bool | int | float | complex
 
@@ -43,6 +39,17 @@ class Picture:
     caption: str = ""
     table: FigureTable | None = None
 
+    def picture(self, name: str, title: str) -> Picture:  # noqa: ARG002 - they are drawn in it
+        """Return it as it is."""
+        return self
+
+
+class Drawable(Protocol):
+    """A picture, or a chart, which is drawn under the name and the title of its figure."""
+
+    def picture(self, name: str, title: str) -> Picture:
+        """Return it drawn."""
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -54,14 +61,13 @@ class Figure:
 
     name: str
     title: str
-    draw: Callable[[], Picture | Chart] = field(repr=False)
+    draw: Callable[[], Drawable] = field(repr=False)
     derivation: bool = field(default=False, repr=False)
 
     @cached_property
     def picture(self) -> Picture:
         """The picture, drawn once."""
-        drawn = self.draw()
-        return drawn if isinstance(drawn, Picture) else drawn.picture(self.name, self.title)
+        return self.draw().picture(self.name, self.title)
 
     @property
     def svg(self) -> str:
