@@ -60,8 +60,9 @@ def read_errors(path: Path, what: str, *, claims: bool = False) -> Iterator[None
         raise FileError(f"{path} cannot be read as {what}: {said}") from None
 
 
-def check_size(path: Path, what: str = "", limit: int = 8 * MOST_NUMBERS) -> None:
-    """Refuse a file of more bytes than the limit, too many for what it is."""
+def check_size(path: Path, what: str = "", limit: int = 0) -> None:
+    """Refuse a file of more bytes than the limit, too many for what it is; default: 8 for each number."""
+    limit = limit or 8 * MOST_NUMBERS
     if path.stat().st_size > limit:
         bound = f"larger than the {limit} bytes that are read"
         raise FileError(f"{path} is {f'too large for {what}' if what else bound}")
