@@ -103,26 +103,16 @@ FRAME_DIRECTIONS = ("u", "w", "theta")
 
 @dataclass(frozen=True)
 class Member:
-    """A straight member between two nodes.
+    """A straight member between two nodes."""
 
-    Parameters
-    ----------
-    nodes
-        Its nodes, from 1.
-    EA, EI, rhoA
-        Axial stiffness, N, bending stiffness, N·m2, and mass per length, kg/m (which may be 0).
-    elements
-        Elements along it; their inner nodes are numbered after the given ones, member by member.
-    hinges
-        The ends, 1 or 2, that carry no moment.
-    """
-
-    nodes: tuple[int, int]
+    nodes: tuple[int, int]  # its nodes, from 1
+    # Axial stiffness, N, bending stiffness, N·m2, and mass per length, kg/m (which may be 0).
     EA: Real
     EI: Real
     rhoA: Real
+    # Elements along it; their inner nodes are numbered after the given ones, member by member.
     elements: int = 1
-    hinges: tuple[int, ...] = ()
+    hinges: tuple[int, ...] = ()  # the ends, 1 or 2, that carry no moment
 
 
 @guarded("the matrices of the frame", UsageError)
@@ -141,23 +131,9 @@ def frame(
 
     Rotations that no member carries (all its ends there are hinged) are left out.
 
-    Parameters
-    ----------
-    nodes
-        Coordinates x, y of the nodes 1 … n, m.
-    members
-        The members.
-    supports, masses, springs
-        Supports, masses and grounded springs at the nodes.
-    damping
-        Of the members, masses and springs; the springs' own damping is added.
-    joints, parameters
-        The joints, between DOFs such as ``u_2``; unknown parameters, on which all numbers may depend.
-
-    Raises
-    ------
-    UsageError
-        If a number, a node or a direction makes no sense, or a node belongs to no member.
+    `nodes`: coordinates x, y of the nodes 1 … n, m; all else is as of `beam`, with joints between DOFs such
+    as ``u_2``. Raises UsageError if a number, a node or a direction makes no sense, or a node belongs to no
+    member.
     """
     points: list[Vector] = [(_real(x), _real(y), 0.0) for x, y in nodes]
     elements: list[Element] = []

@@ -27,33 +27,21 @@ _DEFINITENESS_TOL = 1e-9
 
 @dataclass(frozen=True)
 class JointParameter:
-    """Stiffness or damping of a joint: known (`value`), or unknown (`start`, and `true` for simulation).
+    """Stiffness or damping of a joint: known (`value`), or unknown (`start`, and `true` for simulation)."""
 
-    Parameters
-    ----------
-    value
-        The known value, N/m or N·s/m (N·m/rad, N·m·s/rad for rotations), or one that depends on unknown
-        parameters of the structure, which joints may share.
-    start
-        Initial guess of an unknown value, positive.
-    true
-        The unknown's true value where it is known, positive: what simulated records are made with.
-    matrix
-        A block over the joint's DOFs that value, start and true value multiply, symmetric and not indefinite;
-        default: the spring between two DOFs or to ground. With a matrix alone the value is 1.
-    low, high
-        Limits of an unknown value, positive; its start lies within.
-    prior
-        Prior of an unknown value.
-    """
-
+    # The known value, N/m or N·s/m (N·m/rad, N·m·s/rad for rotations), or one that depends on unknown
+    # parameters of the structure, which joints may share.
     value: Real | None = None
-    start: float | None = None
+    start: float | None = None  # initial guess of an unknown value, positive
+    # The unknown's true value where it is known, positive: what simulated records are made with.
     true: float | None = None
+    # A block over the joint's DOFs that value, start and true value multiply, symmetric and not indefinite;
+    # default: the spring between two DOFs or to ground. With a matrix alone the value is 1.
     matrix: Block | None = None
+    # Limits of an unknown value, positive; its start lies within.
     low: float | None = None
     high: float | None = None
-    prior: ParameterPrior | None = None
+    prior: ParameterPrior | None = None  # prior of an unknown value
 
     def __post_init__(self) -> None:
         if self.matrix is not None:
@@ -95,28 +83,17 @@ class JointParameter:
 
 @dataclass(frozen=True)
 class Joint:
-    """A spring and a damper in parallel, with mass if it has any; or blocks over several DOFs.
+    """A spring and a damper in parallel, with mass if it has any; or blocks over several DOFs."""
 
-    Parameters
-    ----------
-    name
-        Its name; its parameters are called ``<name>.k`` and ``<name>.c``.
-    dofs
-        One DOF (joint to ground) or two; with blocks any number.
-    k, c
-        Stiffness and damping: a number is a known value, a square array a block over the DOFs, absent zero.
-    m
-        Mass, which may depend on parameters of the structure. A number is shared equally between the DOFs.
-    component
-        The direction of one component of a joint between points, such as ``x``: its parameters are called
-        ``<name>.k.x`` and ``<name>.c.x``.
-    """
-
-    name: str
-    dofs: tuple[Label, ...]
+    name: str  # its name; its parameters are called ``<name>.k`` and ``<name>.c``
+    dofs: tuple[Label, ...]  # one DOF (joint to ground) or two; with blocks any number
+    # Stiffness and damping: a number is a known value, a square array a block over the DOFs, absent zero.
     k: JointParameter | Real | Block | None = None
     c: JointParameter | Real | Block | None = None
+    # Mass, which may depend on parameters of the structure. A number is shared equally between the DOFs.
     m: JointParameter | Real | Block | None = None
+    # The direction of one component of a joint between points, such as ``x``: its parameters are called
+    # ``<name>.k.x`` and ``<name>.c.x``.
     component: str = ""
 
     def __post_init__(self) -> None:

@@ -72,17 +72,10 @@ def _check_springs(masses: Sequence[float], springs: Sequence[tuple[tuple[int, .
 
 @dataclass(frozen=True)
 class Link:
-    """A known spring and damper in parallel.
+    """A known spring and damper in parallel."""
 
-    Parameters
-    ----------
-    dofs
-        One DOF (to ground) or two.
-    k, c
-        Stiffness, N/m, and damping, N·s/m.
-    """
-
-    dofs: tuple[int, ...]
+    dofs: tuple[int, ...]  # one DOF (to ground) or two
+    # Stiffness, N/m, and damping, N·s/m.
     k: Real = 0.0
     c: Real = 0.0
 

@@ -32,33 +32,21 @@ _WEIGHT_DIFFERENCE_TOL = 1e-12
 
 @dataclass(frozen=True)
 class PointJoint:
-    """A joint between two points, or from one to ground.
+    """A joint between two points, or from one to ground."""
 
-    Parameters
-    ----------
-    name
-        Its name; its parameters are called ``<name>.k.x`` … ``<name>.c.rz``.
-    points
-        One point or two.
-    k, c
-        Stiffness and damping by direction, ``x`` … ``rz`` of its frame; or a block: over the relative
-        displacements (3 x 3), the relative displacements and rotations (6 x 6), or those of both points
-        (12 x 12, of one point 6 x 6).
-    m
-        Mass, half of it at each point; or a block over the motions of its points (6 or 12).
-    axes
-        Rows: directions of its frame in basic coordinates (3 x 3), orthonormal and right-handed; default: the
-        basic ones.
-    at
-        Where the relative motion is taken, m; default: in the middle.
-    """
-
-    name: str
-    points: tuple[str, ...]
+    name: str  # its name; its parameters are called ``<name>.k.x`` … ``<name>.c.rz``
+    points: tuple[str, ...]  # one point or two
+    # Stiffness and damping by direction, ``x`` … ``rz`` of its frame; or a block: over the relative
+    # displacements (3 x 3), the relative displacements and rotations (6 x 6), or those of both points (12 x
+    # 12, of one point 6 x 6).
     k: Components | None = None
     c: Components | None = None
+    # Mass, half of it at each point; or a block over the motions of its points (6 or 12).
     m: Component | Block | None = None
+    # Rows: directions of its frame in basic coordinates (3 x 3), orthonormal and right-handed; default: the
+    # basic ones.
     axes: Array | None = None
+    # Where the relative motion is taken, m; default: in the middle.
     at: tuple[float, float, float] | None = None
 
 

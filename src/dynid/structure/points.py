@@ -33,27 +33,16 @@ _WEIGHT_TOL = 1e-14
 
 @dataclass(frozen=True)
 class Point:
-    """A node, or a set of nodes that moves as a whole.
+    """A node, or a set of nodes that moves as a whole."""
 
-    Parameters
-    ----------
-    name
-        Its name; its motions are ``<name>:x`` … ``<name>:rz``, along the basic axes.
-    nodes
-        The nodes.
-    spread
-        ``rigid``: the nodes move as one rigid body; ``distributed``: the point follows their mean. A single
-        node is neither.
-    at
-        Its place, m, basic coordinates; default: the node, or the centre of the nodes.
-    weights
-        Of a distributed point a weight for each node, in any unit; default: equal ones.
-    """
-
-    name: str
-    nodes: tuple[Node, ...]
+    name: str  # its name; its motions are ``<name>:x`` … ``<name>:rz``, along the basic axes
+    nodes: tuple[Node, ...]  # the nodes
+    # ``rigid``: the nodes move as one rigid body; ``distributed``: the point follows their mean. A single
+    # node is neither.
     spread: Spread = "distributed"
+    # Its place, m, basic coordinates; default: the node, or the centre of the nodes.
     at: tuple[float, float, float] | None = None
+    # Of a distributed point a weight for each node, in any unit; default: equal ones.
     weights: tuple[float, ...] = ()
 
 

@@ -96,39 +96,26 @@ class SpaceMember:
     """A straight member between two nodes.
 
     Its axis x runs from end to end, y and z are the principal axes of its section.
-
-    Parameters
-    ----------
-    nodes
-        Its nodes, from 1.
-    EA, EIy, EIz, GJ
-        Axial stiffness, N, bending stiffness about y and about z, and torsional stiffness, N·m2.
-    rhoA
-        Mass per length, kg/m, which may be 0.
-    rhoJ
-        Polar mass moment of inertia per length, kg·m; default: that of a homogeneous section,
-        ``rhoA (EIy + EIz) / EA``.
-    orientation
-        A vector in the plane of x and y, on the side of y; default: z is as near as possible to the basic z,
-        and of a member along the basic z, y is the basic y.
-    offsets
-        Rigid offsets from the two nodes to the ends, m, basic coordinates.
-    releases
-        The directions along the member's axes in which each end carries no force or moment.
-    elements
-        Elements along it; their inner nodes are numbered after the given ones, member by member.
     """
 
-    nodes: tuple[int, int]
+    nodes: tuple[int, int]  # its nodes, from 1
+    # Axial stiffness, N, bending stiffness about y and about z, and torsional stiffness, N·m2.
     EA: Real
     EIy: Real
     EIz: Real
     GJ: Real
-    rhoA: Real
+    rhoA: Real  # mass per length, kg/m, which may be 0
+    # Polar mass moment of inertia per length, kg·m; default: that of a homogeneous section, ``rhoA (EIy +
+    # EIz) / EA``.
     rhoJ: Real | None = None
+    # A vector in the plane of x and y, on the side of y; default: z is as near as possible to the basic z,
+    # and of a member along the basic z, y is the basic y.
     orientation: Vector | None = None
+    # Rigid offsets from the two nodes to the ends, m, basic coordinates.
     offsets: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    # The directions along the member's axes in which each end carries no force or moment.
     releases: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+    # Elements along it; their inner nodes are numbered after the given ones, member by member.
     elements: int = 1
 
     @property
@@ -176,23 +163,11 @@ def space_frame(
 
     Rotations that nothing carries, as all members are released there, are left out.
 
-    Parameters
-    ----------
-    nodes
-        Coordinates x, y, z of the nodes 1 … n, m.
-    members
-        The members.
-    supports, masses, springs
-        Supports, rigid bodies and grounded springs at the nodes, along basic directions.
-    damping
-        Of the members, masses and springs; the springs' own damping is added.
-    joints, parameters
-        The joints, between DOFs such as ``1:rz``; unknown parameters, on which all numbers may depend.
-
-    Raises
-    ------
-    UsageError
-        If a number, a node or a direction makes no sense, a node belongs to no member, or rotates freely.
+    `nodes`: coordinates x, y, z of the nodes 1 … n, m; `supports`, `masses`, `springs`: along basic
+    directions; `damping`: of the members, masses and springs; the springs' own damping is added; `joints`:
+    between DOFs such as ``1:rz``; `parameters`: unknown parameters, on which all numbers may depend. Raises
+    UsageError if a number, a node or a direction makes no sense, a node belongs to no member, or rotates
+    freely.
     """
     points: list[Vector] = list(nodes)
     pieces: list[Element] = []

@@ -272,32 +272,20 @@ def modes(
     The damping ratio of a mode is ``phi^T C phi / (2 omega)``, the diagonal of the modal damping matrix;
     it is the exact one where damping is proportional.
 
-    Parameters
-    ----------
-    M, C, K
-        Mass (positive semidefinite), damping and stiffness (positive semidefinite) (n x n), dense or sparse.
-        Directions without mass follow the others; they have no modes of their own.
-    count
-        How many modes, the lowest; rigid-body modes included.
-    below
-        Or all modes below this frequency, rad/s; with both, as many of those as `count`. With neither,
-        all modes.
-    backend
-        ``auto``: dense matrices or, for few modes of many DOFs, sparse ones factorised by the C library;
-        ``dense``; or a factorisation backend: ``ldl``, ``splu``, ``cholespy``, ``pardiso``.
-    proof
-        Whether sparse modes asked for by their number are proved complete by a count of pivots, which
-        takes one factorisation more.
+    `M`, `C`, `K`: mass (positive semidefinite), damping and stiffness (positive semidefinite) (n x n), dense
+    or sparse. Directions without mass follow the others; they have no modes of their own. `count`: how many
+    modes, the lowest; rigid-body modes included. `below`: or all modes below this frequency, rad/s; with
+    both, as many of those as `count`. With neither, all modes.
 
-    Raises
-    ------
-    Singular
-        If the stiffness is indefinite beyond rounding, or a motion has neither inertia nor stiffness.
-    UsageError
-        If more modes are asked for than there are with finite frequencies, the mass is indefinite, or the
-        backend does not exist or is not installed.
-    NumericalError
-        If residuals are too large or modes stay missing.
+    `backend`: ``auto``: dense matrices or, for few modes of many DOFs, sparse ones factorised by the C
+    library; ``dense``; or a factorisation backend: ``ldl``, ``splu``, ``cholespy``, ``pardiso``; `proof`:
+    True if sparse modes asked for by their number are proved complete by a count of pivots, which takes one
+    factorisation more.
+
+    Raises Singular if the stiffness is indefinite beyond rounding, or a motion has neither inertia nor
+    stiffness, UsageError if more modes are asked for than there are with finite frequencies, the mass is
+    indefinite, or the backend does not exist or is not installed, and NumericalError if residuals are too
+    large or modes stay missing.
     """
     if count is not None and count < 1:
         raise UsageError("the number of modes must be 1 or more", names=("modes",))

@@ -248,8 +248,13 @@ def interesting(model: StructuralModel, interest: Interest) -> Indices:
     return indices_of(model, labels) if labels else np.array([], dtype=np.int64)
 
 
-def fixed_count(masters: Sequence[Label] | Masters | None) -> int | None:
-    """Return the number of masters where it is given, else None."""
-    if masters is None:
-        return None
-    return masters.count if isinstance(masters, Masters) else len(masters)
+def mode_count(
+    model: StructuralModel, masters: Sequence[Label] | Masters | None, interest: Interest
+) -> int | None:
+    """Return the number of masters, one a mode; None where the band of interest says which modes to keep."""
+    count = None
+    if masters is not None:
+        count = masters.count if isinstance(masters, Masters) else len(masters)
+    if count is None and interest.band is None:
+        count = len(interesting(model, interest)) or None
+    return count

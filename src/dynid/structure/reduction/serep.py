@@ -25,10 +25,9 @@ from dynid.structure.modes.pencil import scaled
 from dynid.structure.reduction.masters import (
     Masters,
     checked_condition,
-    fixed_count,
     indices_of,
-    interesting,
     masters_for_modes,
+    mode_count,
 )
 from dynid.structure.reduction.modal import Residuals, on_modes_and_residuals
 from dynid.structure.reduction.mode_selection import (
@@ -87,9 +86,7 @@ def _on_modes(
     retained = values is not None or not model.joints
     if masters is not None and not isinstance(masters, Masters):
         indices_of(model, masters)  # what is wrong with them is said before the modes are computed
-    count = fixed_count(masters)
-    if count is None and interest.band is None:
-        count = len(interesting(model, interest)) or None
+    count = mode_count(model, masters, interest)
     basis = selected(matrices, wanted_modes(modes, interest, count))
     kept = masters_for_modes(model, masters, interest, basis.shapes, model.M.diagonal())
     labels = tuple(model.dofs[k] for k in kept)

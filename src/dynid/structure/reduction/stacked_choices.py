@@ -19,11 +19,11 @@ from dynid.structure.reduction.masters import (
     Indices,
     Masters,
     completed,
-    fixed_count,
     indices_of,
     interesting,
     masters_alone,
     masters_for_modes,
+    mode_count,
     modes_to_see,
 )
 from dynid.structure.reduction.modal import CraigBampton, ModalTruncation
@@ -89,9 +89,7 @@ def choose_for_modes(
 ) -> tuple[list[Choice], Sure]:
     """Return the choices of SEREP and of the joint-aware method."""
     masters, interest = method.masters, method.interest
-    count, ends = fixed_count(masters), interesting(model, interest)
-    if count is None and interest.band is None:
-        count = len(ends) or None
+    count, ends = mode_count(model, masters, interest), interesting(model, interest)
     of = jointed if joint_aware else bare
     numbers, sure = _numbers_of(wanted_modes(method.modes, interest, count), of)
     if masters is not None and not isinstance(masters, Masters):
