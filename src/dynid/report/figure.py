@@ -44,7 +44,7 @@ class Picture:
         return self
 
 
-class Drawable(Protocol):
+class _Drawable(Protocol):
     """A picture, or a chart, which is drawn under the name and the title of its figure."""
 
     def picture(self, name: str, title: str) -> Picture:
@@ -61,7 +61,7 @@ class Figure:
 
     name: str
     title: str
-    draw: Callable[[], Drawable] = field(repr=False)
+    draw: Callable[[], _Drawable] = field(repr=False)
     derivation: bool = field(default=False, repr=False)
 
     @cached_property
