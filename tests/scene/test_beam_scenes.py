@@ -69,7 +69,7 @@ CLAMPS = ", ".join(f"{{node: {k}, fix: [w, theta]}}" for k in range(1, 6))
             FRAME,
             "elements: 4",
             "elements: 100000}, {nodes: [1, 2], EA: 1.0e6, EI: 100, rhoA: 2",
-            "5:5: the members have more than 100,000 elements together",
+            "6:14: the members have more than 100,000 elements together",
         ),
     ],
 )

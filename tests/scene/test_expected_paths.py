@@ -555,6 +555,10 @@ WRITERS += [
 ]
 
 
+#: The methods of a result that write names: of arrays, of several in a group, and of attributes.
+WRITING = ("add", "add_axis", "add_numbered", "add_all", "add_axes", "annotate")
+
+
 def test_every_name_that_a_result_is_given_is_in_the_layout():
     known = {name for names in LAYOUT.values() for name in names.split()}
     known |= {part for group in LAYOUT for part in group.split("/")} | ATTRIBUTES
@@ -563,10 +567,11 @@ def test_every_name_that_a_result_is_given_is_in_the_layout():
     for node in (node for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))):
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.args):
             continue
-        if node.func.attr in ("add", "add_axis", "annotate") and ast.unparse(node.func.value) == "result":
+        if node.func.attr in WRITING and ast.unparse(node.func.value) == "result":
             names |= {key.arg for key in node.keywords if key.arg not in (None, "dims", "units")}
             path = re.fullmatch(r"f?'.*/(\w+)'", ast.unparse(node.args[0]))
-            names |= {path[1]} if path and node.func.attr != "annotate" else set()
+            if path and node.func.attr in ("add", "add_axis", "add_numbered"):
+                names |= {path[1], f"{path[1]}s"} if node.func.attr == "add_numbered" else {path[1]}
     assert len(names) > 250
     assert names - known == set()
 

@@ -211,7 +211,7 @@ def test_a_plan_refuses_measured_modes(tmp_path):
         (
             "rhoA: 1}",
             f"rhoA: 1, elements: 60000}}, {MEMBER}",
-            "4:16: the members have more than 100,000 elements together",
+            "5:26: the members have more than 100,000 elements together",
         ),
     ],
 )
