@@ -61,8 +61,6 @@ class OperatingPoint:
     #: By equilibrium 1 where all natural modes decay, -1 where one grows, 0 where one does neither.
     stable: tuple[int, ...] = ()
     number: int = 0  # number of the chosen one, from 1; 0 of a given point
-    #: Rates of states at a given point that is no equilibrium.
-    drift: Mapping[Port, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
     def value(self, port: Port) -> float:
@@ -306,7 +304,7 @@ def _given(equations: LawEquations, request: OperatingPointRequest) -> Operating
         warnings.append(
             f"the given point is no equilibrium: {rates}; the linear results hold near it for a short time"
         )
-    return OperatingPoint(equations, request, solution, drift=drift, warnings=tuple(warnings))
+    return OperatingPoint(equations, request, solution, warnings=tuple(warnings))
 
 
 def _check_values(equations: LawEquations, values: Mapping[Port, Fraction]) -> None:
