@@ -348,8 +348,8 @@ def rounded(number: Fraction) -> Fraction:
     from dynid.arithmetic.real_field import ROUNDED_BITS, RealField
 
     with ctx.workprec(ROUNDED_BITS):
-        mantissa, exponent = RealField([number.term]).enclosure(number.term).mid().man_exp()
-    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+        middle = RealField([number.term]).enclosure(number.term).mid().fmpq()
+    return Fraction(int(middle.p), int(middle.q))
 
 
 def _sign(fraction: Fraction, irrational: Any) -> int:

@@ -209,10 +209,9 @@ def _rounded(ball: Any, multiplicity: int, side: int) -> CertifiedRoot:
 
 def _nearest(number: Any) -> float:
     """Round an exact ball (flint `arb`) to the nearest double."""
-    mantissa, exponent = number.man_exp()
-    digits, power = int(mantissa), int(exponent)
+    exact = number.fmpq()
     try:
-        return float(digits << power) if power >= 0 else digits / (1 << -power)
+        return int(exact.p) / int(exact.q)
     except OverflowError:
         raise _out_of_range() from None
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -316,10 +315,12 @@ def _residues(
     lead = acb(denominator.leading_coefficient())
     top = [acb(c) for c in reversed(numerator.coeffs())]
     terms = []
+    cap = ctx.cap
     for index, (pole, count) in enumerate(poles):
         if pole.imag < 0:
             continue
-        with _series_length(ctx, count):
+        ctx.cap = count  # the length of series
+        try:
             shift = acb_series([pole, 1])
             above = acb_series([0])
             for coefficient in top:
@@ -329,17 +330,9 @@ def _residues(
                 if factor != index:
                     below = below * acb_series([pole - value, 1]) ** times
             series = above / below  # times (s - p)^-count: its coefficient k belongs to t^(count-1-k)
-            zero = next((powers for f, powers in vanishing if count > 1 and f(pole).contains(0)), [])
-            parts = [acb(0) if k in zero else series[k] for k in range(count)]
-            terms.append((pole, parts[::-1]))
+        finally:
+            ctx.cap = cap
+        zero = next((powers for f, powers in vanishing if count > 1 and f(pole).contains(0)), [])
+        parts = [acb(0) if k in zero else series[k] for k in range(count)]
+        terms.append((pole, parts[::-1]))
     return terms
-
-
-@contextmanager
-def _series_length(context: Any, length: int) -> Iterator[None]:
-    """Set the length of power series for a while."""
-    before, context.cap = context.cap, length
-    try:
-        yield
-    finally:
-        context.cap = before

@@ -208,9 +208,7 @@ def fraction(number: Any) -> Fraction:
 
 def ball_fraction(number: Any) -> Fraction:
     """Return an exact ball (flint `arb`), such as the middle of one, as a fraction."""
-    mantissa, exponent = number.man_exp()
-    digits, power = int(mantissa), int(exponent)
-    return Fraction(digits << power) if power >= 0 else Fraction(digits, 1 << -power)
+    return fraction(number.fmpq())
 
 
 def nearest_double(value: Fraction) -> float:

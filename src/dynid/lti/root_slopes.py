@@ -164,11 +164,7 @@ def _vanishes(A: Array, b: Array, c: Array, d: Array) -> bool:
 
 
 def _zero_dynamics(A: Array, b: Array, c: Array, d: Array) -> Array | None:
-    """Return the matrices of the motions that are possible while the output is 0.
-
-    Of systems (S x n x n, S x n, S x n, S) of one relative degree; None where theirs differ or there is no
-    transfer.
-    """
+    """Return the matrices of motions with output 0 of stacked systems; None if their degrees differ."""
     while (through := np.abs(d) <= _SINGULAR_VALUE_TOL * np.maximum(1.0, np.linalg.norm(b, axis=1))).any():
         length = np.linalg.norm(c, axis=1)
         if not through.all() or not A.shape[1] or (length <= _SINGULAR_VALUE_TOL).any():
@@ -227,10 +223,7 @@ def _divided(moved: ComplexArray, strength: ComplexArray) -> ComplexArray:
 def _ordered(
     values: ComplexArray, slopes: ComplexArray, origin: int, resolution: Resolution | None = None
 ) -> Roots:
-    """Return roots by size, those at the origin exact, multiple ones without derivatives.
-
-    With a resolution, those that it does not separate have the values of their centres.
-    """
+    """Return roots by size, those at the origin exact, multiple or unresolved ones without derivatives."""
     order = _by_size(values[None], np.array([origin]))[0]
     values, slopes = values[order], slopes[order].copy()
     values[:origin], slopes[:origin] = 0.0, 0.0

@@ -14,28 +14,20 @@ from dynid.errors import UsageError
 
 @dataclass(frozen=True, eq=False)
 class StateSpace:
-    """A linear system ``x' = A x + B u``, ``y = C x + D u + D1 u' + D2 u'' + …``.
+    """A linear system ``x' = A x + B u``, ``y = C x + D u + D1 u' + D2 u'' + …``."""
 
-    Parameters
-    ----------
-    A, B, C, D
-        Matrices (states x states, states x inputs, outputs x states, outputs x inputs), SI units.
-    higher
-        The further feedthrough matrices D1, D2, … of an improper system, D-shaped, on u', u'', ….
-    inputs, outputs, states
-        Names; default: ``u1``, ``y1``, ``x1``, ….
-    input_units, output_units
-        SI units by name's order; default: none.
-    """
-
+    #: Matrices (states x states, states x inputs, outputs x states, outputs x inputs), SI units.
     A: Array
     B: Array
     C: Array
     D: Array
+    #: The further feedthrough matrices D1, D2, … of an improper system, D-shaped, on u', u'', ….
     higher: tuple[Array, ...] = ()
+    #: Names; default: ``u1``, ``y1``, ``x1``, ….
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     states: tuple[str, ...] = ()
+    #: SI units by name's order; default: none.
     input_units: tuple[str, ...] = ()
     output_units: tuple[str, ...] = ()
 
