@@ -182,3 +182,8 @@ def test_a_thread_leaves_the_signals_alone(tmp_path):
     thread.join()
     assert not failed
     assert read_result(tmp_path / "r.h5").title == "new"
+
+
+def test_a_file_that_cannot_be_opened_leaves_nothing_to_close(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        Sink(str(tmp_path / "none" / "f"))
