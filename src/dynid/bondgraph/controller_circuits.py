@@ -81,7 +81,6 @@ def pade(delay: Real, order: int) -> tuple[list[Real], list[Real]]:
 
 
 def _product(a_coefficients: Polynomial, b_coefficients: Polynomial) -> list[Real]:
-    """Return the product of two polynomials."""
     product: list[Real] = [Fraction(0)] * (len(a_coefficients) + len(b_coefficients) - 1)
     for i, a in enumerate(a_coefficients):
         for k, b in enumerate(b_coefficients):
@@ -137,11 +136,8 @@ class Circuit:
         end = self._add("1" if effort else "0", f"{source}.end")
         index = next(k for k, bond_ends in enumerate(self.bonds) if source in bond_ends)
         outward = bond.tail == source
-        way = (
-            [source, link, end, self.bonds[index].head]
-            if outward
-            else [self.bonds[index].tail, end, link, source]
-        )
+        tail, head = self.bonds[index]
+        way = [source, link, end, head] if outward else [tail, end, link, source]
         self.bonds[index : index + 1] = [Bond(*ends) for ends in pairwise(way)]
         self.driven[source] = 1 if outward else -1
         pairs: tuple[tuple[Quantity, Quantity], ...] = (("e", "p"), ("f", "q"))

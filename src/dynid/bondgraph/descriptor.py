@@ -194,7 +194,6 @@ class Descriptor:
         return {("u", source, 0): self.field.one} if source in self.inputs else {}
 
     def _common(self, junction: str) -> LinearForm:
-        """Return the common variable of a junction."""
         fixing = self.structure.junctions[junction].fixing
         return {("w", junction): self.field.one} if fixing is None else self.signal(fixing)
 

@@ -262,7 +262,6 @@ class BondGraph:
 
     @cached_property
     def _bonds_at(self) -> dict[str, list[Bond]]:
-        """The bonds of every node."""
         bonds_at: dict[str, list[Bond]] = {name: [] for name in self.nodes}
         for bond in self.bonds:
             for end in bond:

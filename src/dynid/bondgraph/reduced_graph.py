@@ -334,9 +334,8 @@ class ReducedGraph(GraphProgram):
         """
         reduction, program = self.reductions[port], self.program
         prototype = reduction.prototype
-        kept = program.parameters(
-            [*reduction.channels.values(), *reduction.pivots, prototype.part_a, prototype.part_b]
-        )
+        parts = (prototype.part_a, prototype.part_b)
+        kept = program.parameters([*reduction.channels.values(), *reduction.pivots, *parts])
         kept |= {source for source, register in reduction.channels.items() if not program.is_zero(register)}
         kept.add(port.node)
         fixing = self.structure.junctions[reduction.root].fixing

@@ -90,7 +90,6 @@ def expand_structure(
 
 
 def _places(name: str, model: StructuralModel, ports: Mapping[str, Label]) -> dict[str, int]:
-    """Return the places of the ports among the DOFs."""
     places: dict[str, int] = {}
     for port, dof in ports.items():
         index = model.index(dof)

@@ -151,9 +151,7 @@ class _Procedure:
     def run(self, elements: list[str]) -> _AssignedStrokes:
         strokes, kinds = self.strokes, self.strokes.kinds
         for name in [name for name in strokes.setter if len(strokes.bonds_at[name]) == 1]:
-            self._put(
-                strokes.bonds_at[name][0], strokes.setting(name, strokes.bonds_at[name][0]), "propagated"
-            )
+            self._put(self._bond(name), strokes.setting(name, self._bond(name)), "propagated")
         for name in [name for name in elements if kinds[name] in SOURCES]:
             self._put(self._bond(name), self._wanted(name), "source")
         if self.ahead is not None and not self.ahead.possible(strokes):

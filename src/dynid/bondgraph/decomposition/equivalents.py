@@ -305,7 +305,6 @@ class Decomposition(GraphProgram):
         return self.rational([register])[register].lowest_terms()[0]
 
     def _determinant(self) -> Register:
-        """Write the determinant of both sides joined."""
         source, load = self.source, self.load
         parts: tuple[Register | None, ...]
         if source.impedance is not None and load.impedance is not None:

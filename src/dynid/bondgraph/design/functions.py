@@ -228,7 +228,6 @@ class DesignFunctions:
         )
 
     def _roots(self, matrices: Matrices) -> list[Reached | None]:
-        """Return the nearest root of every target."""
         groups: dict[tuple[str, object, str], list[int]] = {}
         for index, target in enumerate(self.design.roots):
             groups.setdefault((target.kind, target.output, target.input), []).append(index)

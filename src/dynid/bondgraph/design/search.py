@@ -233,7 +233,6 @@ class _Search:
         return here
 
     def _guess(self, now: _Problem) -> _Multipliers:
-        """Return multipliers of the largest pieces alone."""
         tops = now.tops
         weight = np.array([value == tops[i] for value, i in zip(now.values, now.owner, strict=True)], float)
         return _Multipliers(weight, np.zeros(len(now.residuals)))

@@ -167,9 +167,7 @@ def _unreachable(
         return _error(design, target, f"{fixed}; {nearest}", "Free another parameter that moves it.")
     limits = list(_limits(functions, best))
     values = functions.coordinates.values(best.eta)
-    at = ", ".join(
-        f"{parameter.name} = {value:.6g}" for parameter, value in zip(design.free, values, strict=True)
-    )
+    at = _named(design, values)
     if limits:
         needed = _needed(functions, best)
         reason = f"{' and '.join(limits)}; there {there} is reached{needed}"
@@ -190,7 +188,6 @@ def _unreachable(
 
 
 def _no_norm(functions: DesignFunctions, refused: Sequence[Evaluation]) -> Unreachable:
-    """Return the error of norms that are infinite at every start."""
     design = functions.design
     index, why = next((k, norm.why) for k, norm in enumerate(refused[0].norms) if norm.why)
     target = design.criteria[index]
@@ -227,6 +224,11 @@ def _no_minimum(functions: DesignFunctions, best: Solution) -> Unreachable | Non
                 names=(f"design.free.{parameter.name}", _name(design, target)),
             )
     return None
+
+
+def _named(design: Design, values: Array) -> str:
+    pairs = zip(design.free, values, strict=True)
+    return ", ".join(f"{parameter.name} = {value:.6g}" for parameter, value in pairs)
 
 
 def _name(design: Design, target: Target) -> str:
@@ -311,7 +313,4 @@ def _needed(functions: DesignFunctions, best: Evaluation) -> str:
     if not np.abs(evaluation.residuals).max() <= MET:
         return ""
     values = free.coordinates.values(evaluation.eta)
-    text = ", ".join(
-        f"{parameter.name} = {value:.6g}" for parameter, value in zip(design.free, values, strict=True)
-    )
-    return f"; without limits it needs {text}"
+    return f"; without limits it needs {_named(design, values)}"

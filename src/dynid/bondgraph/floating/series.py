@@ -47,9 +47,7 @@ class LaurentSeries:
         total = earlier.coefficients[: end - earlier.start]
         for index, c in zip(range(later.start - earlier.start, len(total)), later.coefficients, strict=False):
             total[index] = total[index] + c
-        return (
-            LaurentSeries(earlier.start, total, self.terms) if total else LaurentSeries(end, [], self.terms)
-        )
+        return LaurentSeries(earlier.start if total else end, total, self.terms)
 
     def __neg__(self) -> LaurentSeries:
         return LaurentSeries(self.start, [-c for c in self.coefficients], self.terms)

@@ -103,7 +103,6 @@ def _addends(program: Program, expression: RegisterExpression) -> list[tuple[int
 def _as_it_stands(
     program: Program, expression: RegisterExpression, nodes: Mapping[str, Node], hand: FormulaPrinter
 ) -> Printed:
-    """Write an expression as the program builds it."""
     written: dict[Register, PrintedFraction] = {}
     for current in expression.order:
         if current in expression.named:

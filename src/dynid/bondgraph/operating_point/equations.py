@@ -109,7 +109,6 @@ class LawEquations:
         return [2 * bond + column % 2 for bond in places]
 
     def _add(self, name: str) -> None:
-        """Add the equations of a node."""
         graph, kind = self.model.graph, self.model.graph.nodes[name].type
         at = self._bonds[name]
         unity, law = Fraction(1), self.model.laws.get(name)
@@ -137,7 +136,6 @@ class LawEquations:
             self._add_element(name, law)
 
     def _add_element(self, name: str, law: Law | None) -> None:
-        """Add the law of a one-port."""
         graph, kind = self.model.graph, self.model.graph.nodes[name].type
         e, f = self.column(Port(name, "e")), self.column(Port(name, "f"))
         sign = bond_sign(graph, name)

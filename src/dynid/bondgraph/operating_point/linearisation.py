@@ -206,14 +206,11 @@ class _LinearCircuit(Circuit):
         """
         kind: NodeType = "0" if row.out % 2 else "1"
         end = self._ends.get(row.out // 2, row.node)
-        index = (
-            end
-            if row.node in self.flat
-            else self._insert(kind, f"{row.node}.{'ef'[row.out % 2]}_sum", end, row)
-        )
+        stem = f"{row.node}.{'ef'[row.out % 2]}"
+        index = end if row.node in self.flat else self._insert(kind, f"{stem}_sum", end, row)
         if self._equations.model.graph.nodes[row.node].type not in TWO_PORTS:
             outer: NodeType = "1" if row.out % 2 else "0"
-            sensor = self._insert(outer, f"{row.node}.{'ef'[row.out % 2]}_total", index, row)
+            sensor = self._insert(outer, f"{stem}_total", index, row)
             quantities: tuple[Quantity, ...] = ("f", "q") if row.out % 2 else ("e", "p")
             name = row.node
             self.variables |= {Port(name, q): Port(sensor, q, f"{name}.{q}") for q in quantities}

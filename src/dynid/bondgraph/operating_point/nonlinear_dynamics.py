@@ -127,14 +127,11 @@ class LawDynamics:
     @cached_property
     def rate_matrix(self) -> Array:
         """S: scaled rates of states by c (states x unknowns)."""
-        return np.asarray(
-            (self.y_scale[self._rate_rows] / self.x_scale)[:, None] * self._basis[self._rate_rows]
-        )
+        return self._rates_by(self._basis)
 
-    def _rates_of_inputs(self) -> Array:
-        return np.asarray(
-            (self.y_scale[self._rate_rows] / self.x_scale)[:, None] * self._particular[self._rate_rows]
-        )
+    def _rates_by(self, matrix: Array) -> Array:
+        scale = self.y_scale[self._rate_rows] / self.x_scale
+        return np.asarray(scale[:, None] * matrix[self._rate_rows])
 
     def _closed(self, by_c: Array, by_x: Array) -> tuple[Array, Array]:
         """Return the matrix that determines a correction of c, and the constraints N."""
@@ -155,7 +152,7 @@ class LawDynamics:
             h, by_c, by_x = self._storages_and_laws(c, x, u)
             matrix, N = self._closed(by_c, by_x)
             if N.shape[1]:
-                rates = self.rate_matrix @ c + self._rates_of_inputs() @ u
+                rates = self.rate_matrix @ c + self._rates_by(self._particular) @ u
                 h = np.concatenate([h, N.T @ by_x @ rates])
                 step, _, rank, _ = np.linalg.lstsq(matrix, h, rcond=_RANK_TOL)
                 if rank < len(c):
@@ -174,7 +171,7 @@ class LawDynamics:
 
     def rates(self, c: Array, u: Array) -> Array:
         """Return the rates of the states."""
-        scaled = self.rate_matrix @ c + self._rates_of_inputs() @ u
+        scaled = self.rate_matrix @ c + self._rates_by(self._particular) @ u
         return np.asarray(self.x_scale * scaled)
 
     def constraints(self, c: Array, x: Array, u: Array) -> tuple[Array, Array]:

@@ -244,7 +244,6 @@ class FactoredQuotient(ABC):
         return reduce(self._multiplied, sorted(parts, key=len)) if parts else self._zero() ** 0
 
     def _multiplied(self, a: Any, b: Any) -> Any:
-        """Multiply two polynomials."""
         return a * b
 
     def __neg__(self) -> Self:

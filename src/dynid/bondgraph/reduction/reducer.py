@@ -190,11 +190,10 @@ class JunctionElimination:
 
         columns = {column: solve(net.entry(partner, column), net.entry(bare, column)) for column in around}
         of_partner_sources, of_bare_sources = partner.sources, bare.sources
+        zero, of_both = program.zero, {**of_partner_sources, **of_bare_sources}
         sides = {
-            source: solve(
-                of_partner_sources.get(source, program.zero), of_bare_sources.get(source, program.zero)
-            )
-            for source in {**of_partner_sources, **of_bare_sources}
+            source: solve(of_partner_sources.get(source, zero), of_bare_sources.get(source, zero))
+            for source in of_both
         }
         changes: dict[tuple[NodeRow, NodeRow], Register] = {}
         for row in around:

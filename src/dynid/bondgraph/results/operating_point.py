@@ -274,16 +274,14 @@ class _Run:
                 try:
                     self._c = dynamics.unknowns(self._c, x, u)
                 except (OutOfRangeError, np.linalg.LinAlgError) as error:
-                    raise NumericalError(
-                        f"the nonlinear response leaves the range of a law: {error}"
-                    ) from None
+                    problem = f"the nonlinear response leaves the range of a law: {error}"
+                    raise NumericalError(problem) from None
                 return dynamics.rates(self._c, u)
 
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # of failed steps; the error below says it
-                solved = solve_ivp(
-                    rates, (start, stop), x, "LSODA", at, rtol=tolerance, atol=tolerance * size
-                )
+                atol = tolerance * size
+                solved = solve_ivp(rates, (start, stop), x, "LSODA", at, rtol=tolerance, atol=atol)
             if not solved.success:
                 reached = solved.t[-1] if len(solved.t) else start  # no sample was reached
                 raise NumericalError(

@@ -124,9 +124,8 @@ def _add_output_dynamics(result: Result, reduced: ReducedGraph, engine: Engine) 
     """Add the dynamics of the prototype at every output; of a large graph only for the exact engine."""
     size = modelled_storages(reduced)
     if size > _MAX_PROTOTYPE_SIZE and engine != "exact":
-        note = (
-            f"not formed: {size:,} storage elements; exact equations of A and B: up to {_MAX_PROTOTYPE_SIZE}"
-        )
+        note = f"not formed: {size:,} storage elements; exact equations of A and B: "
+        note += f"up to {_MAX_PROTOTYPE_SIZE}"
         result.annotate("bond_graph/reduction", dynamics=f"{note}; 'engine: exact' forms them all the same")
         return
     for port, reduction in reduced.reductions.items():

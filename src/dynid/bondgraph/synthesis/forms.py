@@ -262,9 +262,8 @@ def _add_realisation(result: Result, realisation: Realisation, scene: str) -> No
     result.add_axis(f"{group}/node", [node.name for node in nodes])
     result.add(f"{group}/node_type", [node.type for node in nodes], ("node",))
     result.add_axis(f"{group}/bond", [str(bond) for bond in realisation.graph.bonds])
-    add_coefficients(
-        result, group, TransferFunction(*integer_quotient(realisation.numerator, realisation.denominator))
-    )
+    own = integer_quotient(realisation.numerator, realisation.denominator)
+    add_coefficients(result, group, TransferFunction(*own))
     result.add(f"{group}/residual", realisation.residual)
     result.add(f"{group}/scene", scene)
 

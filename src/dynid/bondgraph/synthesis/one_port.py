@@ -128,7 +128,6 @@ class _ElementGraph:
         return name
 
     def _attach(self, port: OnePort, behind: str) -> None:
-        """Draw a one-port behind a node."""
         if isinstance(port, Element):
             self._bonds.append(Bond(behind, self._add(port.type, port.type, port.value)))
         elif isinstance(port, BruneSection):
