@@ -118,8 +118,8 @@ def test_absurd_values_are_answered_within_their_error_bars_or_refused_in_words(
 
 @pytest.mark.usefixtures("poor_starts")
 def test_a_prediction_beside_which_the_record_is_less_than_its_rounding_is_refused():
-    """The residual is 1e38 times the record: it is all of the prediction, to each of its digits."""
-    with pytest.raises(Diverged, match="the prediction explains nothing of the record"):
+    """At the start the residual is 1e38 times the record; the best of the optima leaves most of it."""
+    with pytest.raises(Diverged, match=r"explains nothing of the record|% of .* is unexplained"):
         two_masses(Link((1,), 1e4, 1), "acceleration", masses=(1e300, 1), kind="multisine")
 
 

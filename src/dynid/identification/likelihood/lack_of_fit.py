@@ -311,8 +311,9 @@ def _off_states(record: Sequence[SaturatedCoordinates], noise: Array) -> tuple[A
 
 def _range(matrix: Array) -> Array:
     """Return an orthonormal basis of the range of the columns, scaled to one length."""
-    size = np.linalg.norm(matrix, axis=0)
-    return basis(matrix[:, size > 0] / size[size > 0], _BASIS_RANK_TOL)
+    largest = np.max(np.abs(matrix), axis=0, initial=0.0)
+    scaled = matrix[:, largest > 0] / largest[largest > 0]  # whose squares do not overflow
+    return basis(scaled / np.linalg.norm(scaled, axis=0), _BASIS_RANK_TOL)
 
 
 def _without(U: Array, columns: Array) -> Array:
