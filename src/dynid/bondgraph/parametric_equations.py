@@ -129,9 +129,8 @@ class ParametricEquations:
         sign = bond_sign(self.graph, element)
         if kind == "I":  # the flow of a 1-junction is that of its elements; what integrates has its own arrow
             return _StateOfGraph(Port(element, "f"), "f"), field.one * (sign if junction is None else 1)
-        return _StateOfGraph(Port(element, "q"), "q"), field.value(element) * (
-            1 if junction is None else sign
-        )
+        ratio = field.value(element) * (1 if junction is None else sign)
+        return _StateOfGraph(Port(element, "q"), "q"), ratio
 
     # --- matrices ------------------------------------------------------------------------------
 

@@ -197,9 +197,8 @@ class Decomposition(GraphProgram):
             structure = self.cut.structure({load.end: probe})
             name = self.cut.probe(load.end)
             port = Port(name, "f" if structure.junctions[structure.place[name]].kind == "1" else "e")
-            self.driven = reduce_graph(
-                structure, self.program, port, [name], names=names, suffix=self._suffix
-            )
+            suffix = self._suffix
+            self.driven = reduce_graph(structure, self.program, port, [name], names=names, suffix=suffix)
         self.effort = {name: self._effort(name) for name in self.inputs}
         self.flow = {name: self._flow(name) for name in self.inputs}
 

@@ -229,9 +229,8 @@ def _expanded(
         return LaurentSeries(start, [*coefficients, *[point.field(0)] * (terms - len(coefficients))], terms)
 
     while True:
-        values = {
-            n: series(0, v) if v else LaurentSeries(_NO_END, [], terms) for n, v in point.values.items()
-        }
+        nothing = LaurentSeries(_NO_END, [], terms)
+        values = {name: series(0, value) if value else nothing for name, value in point.values.items()}
         start, coefficients = point.laplace
         try:
             run = planned.run(requested, values, series(start, *coefficients), series(0, point.field(1)))

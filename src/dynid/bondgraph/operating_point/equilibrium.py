@@ -157,9 +157,8 @@ def _warnings(
     if chosen.free:
         names = [str(port) for port in equations.states if equations.column(port) in chosen.free]
         what = ", ".join(names) or "some variables"
-        yield (
-            f"the equilibrium is singular: it does not determine {what}; taken near 'operating_point.start'"
-        )
+        where = "taken near 'operating_point.start'"
+        yield f"the equilibrium is singular: it does not determine {what}; {where}"
 
 
 def _no_equilibrium(equations: LawEquations, worst: NewtonSolution | None) -> NumericalError:

@@ -99,9 +99,7 @@ class _SnapshotTaker:
         if unknown is not None:
             unknown = {source: unknown.get(source, program.zero) for source in self.net.inputs}
         elif fixing is not None:
-            unknown = {
-                source: program.one if source == fixing else program.zero for source in self.net.inputs
-            }
+            unknown = {name: program.one if name == fixing else program.zero for name in self.net.inputs}
         left = {
             row.name: (
                 _JunctionState(
@@ -124,9 +122,8 @@ class _SnapshotTaker:
                     tie = self.net.tie(tail, head)
                     names, entries = (tail.name, head.name), (tail.entries[head], head.entries[tail])
                     two_port = None if tie is None else tie.two_port
-                    links.append(
-                        _SnapshotCoupling(*names, *entries, drawn=tie is not None, two_port=two_port)
-                    )
+                    link = _SnapshotCoupling(*names, *entries, drawn=tie is not None, two_port=two_port)
+                    links.append(link)
         self.taken.append(
             Snapshot(
                 step=steps[-1] if steps else None,

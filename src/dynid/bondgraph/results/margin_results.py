@@ -217,9 +217,8 @@ def _add_functions(
     for name in ("L", "S", "T"):
         columns = []
         for above, below in functions:
-            top, bottom = {"L": (above, below), "S": (below, above + below), "T": (above, above + below)}[
-                name
-            ]
+            total = above + below
+            top, bottom = {"L": (above, below), "S": (below, total), "T": (above, total)}[name]
             columns.append(on_axis(top, bottom, omega.tolist()))
         result.add(f"{FUNCTIONS}/{name}", np.array(columns, complex).T, ("omega", "loop"))
 

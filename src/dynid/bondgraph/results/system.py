@@ -78,9 +78,8 @@ def _modes(engine: ExactEngine | FloatEngine, channel: Channel) -> list[SidedRoo
         at_origin = next((pole for pole in poles if pole.value == 0), None)
         if at_origin is not None:
             poles.remove(at_origin)
-            poles += [replace(at_origin, multiplicity=at_origin.multiplicity - 1)] * (
-                at_origin.multiplicity > 1
-            )
+            rest = at_origin.multiplicity - 1
+            poles += [replace(at_origin, multiplicity=rest)] * (rest > 0)
     return [*poles, *engine.hidden_modes(channel)]
 
 

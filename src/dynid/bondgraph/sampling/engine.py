@@ -43,18 +43,15 @@ class _SampledRoots:
             return np.concatenate([np.empty((count, 0), dtype=kind), *parts], axis=1)
 
         values, radii, sides = joined("values", complex), joined("radii", float), joined("sides", np.int8)
-        powers_of_factors = [
-            np.full((count, batch.values.shape[1] * power), power) for batch, power in factors
-        ]
-        powers = np.concatenate([np.empty((count, 0), dtype=int), *powers_of_factors], axis=1)
+        parts = [np.full((count, batch.values.shape[1] * power), power) for batch, power in factors]
+        powers = np.concatenate([np.empty((count, 0), dtype=int), *parts], axis=1)
         order = np.lexsort((values.imag, values.real, np.hypot(values.real, values.imag)))
         return cls(*(np.take_along_axis(array, order, axis=1) for array in (values, radii, sides, powers)))
 
     def roots(self, sample: int) -> tuple[CertifiedRoot, ...]:
         """Return the roots of one sample, each once."""
-        rows = (
-            array[sample].tolist() for array in (self.values, self.radii, self.sides, self.multiplicities)
-        )
+        arrays = (self.values, self.radii, self.sides, self.multiplicities)
+        rows = (array[sample].tolist() for array in arrays)
         distinct = dict.fromkeys(zip(*rows, strict=True))
         return tuple(CertifiedRoot(value, power, radius, side) for value, radius, side, power in distinct)
 

@@ -231,9 +231,8 @@ def _refuse_poles(denominator: Any, name: str) -> None:
             pair = root_text(complex(root.value.real, abs(root.value.imag)))
             raise NoSuchForm(f"the poles {pair} of {name} are neither real nor on the imaginary axis")
         if root.multiplicity > 1:
-            raise NoSuchForm(
-                f"the pole {root_text(root.value)} of {name} has multiplicity {root.multiplicity}"
-            )
+            pole = f"the pole {root_text(root.value)} of {name}"
+            raise NoSuchForm(f"{pole} has multiplicity {root.multiplicity}")
 
 
 class _Lowest(NamedTuple):
@@ -253,9 +252,8 @@ def brune(numerator: Any, denominator: Any, bits: int, *, exact: bool = True) ->
     if numerator.degree() == denominator.degree() == 0:
         return Element("R", fraction(numerator[0] / denominator[0]))
     report_progress(f"Brune's form, degree {max(numerator.degree(), denominator.degree())} left")
-    branches, above, below = _without_axis_poles(
-        numerator, denominator, bits, _axis(denominator, bits, exact)
-    )
+    axis = _axis(denominator, bits, exact)
+    branches, above, below = _without_axis_poles(numerator, denominator, bits, axis)
     if branches:
         return series(*branches, *([brune(above, below, bits, exact=exact)] if above else []))
     branches, below, above = _without_axis_poles(denominator, numerator, bits, _axis(numerator, bits, exact))
