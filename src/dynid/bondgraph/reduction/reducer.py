@@ -113,7 +113,7 @@ class JunctionElimination:
     def _transform_source(
         self, leaf: NodeRow, into: NodeRow, seen: Immittance, two_port: str | None = None
     ) -> None:
-        """Transform the source on a leaf (PK 16): from Norton there to Thévenin on its neighbour, or back."""
+        """Transform the source on a leaf (eq 16): from Norton there to Thévenin on its neighbour, or back."""
         net, program = self.net, self.program
         factor = program.mul(program.neg(into.entries[leaf]), seen.register)
         for source, amount in leaf.sources.items():
