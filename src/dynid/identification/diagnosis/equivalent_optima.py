@@ -200,12 +200,9 @@ class OptimaSearch:
         nearest_best = min(near, key=lambda optimum: optimum.misfit, default=best)
         if best.misfit - nearest_best.misfit > _BETTER:
             return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), nearest_best
-        if flat is not None:
-            profiles = profile_intervals(self.likelihood, best.fit, deviations)
-            if profiles.best.rise < -_BETTER:
-                fit = refine(self.likelihood, profiles.best.eta).fit
-                return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), Optimum(self.likelihood, fit)
-            flat = flat._replace(intervals=np.array([profiles.low, profiles.high]))
+        flat, better = self._with_intervals(best, flat, deviations)
+        if better is not None:
+            return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), better
         for optimum in near:
             for point in images(permutations, optimum.fit.eta, same, _MAX_OPTIMA):
                 points.append(point)
@@ -350,6 +347,19 @@ class OptimaSearch:
         contradicted = flattest is not None and flattest.rise < _FLAT * flattest.predicted
         afar = [(misfit, k, start) for k, (_, misfit, start) in enumerate(flat[:_FLATTEST])]
         return flattest if contradicted else None, afar
+
+    def _with_intervals(
+        self, best: Optimum, flat: _FlatDirection | None, deviations: Array
+    ) -> tuple[_FlatDirection | None, Optimum | None]:
+        """Return a flat direction with intervals by profile likelihood, or a better optimum met there."""
+        if flat is None:
+            return None, None
+        profiles = profile_intervals(self.likelihood, best.fit, deviations)
+        if profiles.best.rise < -_BETTER:
+            better = self._searched(best, profiles.best.eta, best.misfit)
+            if better is not None and best.misfit - better.misfit > _BETTER:
+                return flat, better
+        return flat._replace(intervals=np.array([profiles.low, profiles.high])), None
 
     def _searched(self, best: Optimum, start: Array, misfit: float) -> Optimum | None:
         """Return the optimum that a search from a start leads to, if it is as good as the best."""
