@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.identification.estimators.filter import LINEARISED_DEVIATIONS, _History, _walk, filter_pass
+from dynid.identification.estimators.filter import LINEARISED_DEVIATIONS, _walk, filter_pass
 from dynid.identification.estimators.filter_passes import wide_prior
 from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.time_record import TimeRecord
@@ -181,8 +181,9 @@ def passed(kind: type) -> tuple[np.ndarray, np.ndarray]:
     prior = wide_prior(TimeRecord(model, record), np.log([u.start for u in model.unknowns]))
     z, S = np.concatenate([prior.state, prior.eta]).astype(kind), prior.root.astype(kind)
     n, p, count = model.states, model.parameters, len(record.values)
-    shapes = [(count, size) for size in (p, p, n, n)] + [record.values.shape]
-    history = _History(*(np.zeros(shape, dtype=kind) for shape in shapes))
+    widths = {"eta": p, "deviations": p, "states": n, "state_deviations": n}
+    widths["innovations"] = record.values.shape[1]
+    history = {name: np.zeros((count, width), dtype=kind) for name, width in widths.items()}
     weight = np.broadcast_to(1 / record.noise, record.values.shape).astype(kind)
     origin = prior.eta.astype(kind)
     with np.errstate(over="ignore"):  # the bounds on safe squares are those of doubles
@@ -196,7 +197,7 @@ def passed(kind: type) -> tuple[np.ndarray, np.ndarray]:
             history,
             LINEARISED_DEVIATIONS,
         )
-    return history.eta, history.deviations
+    return history["eta"], history["deviations"]
 
 
 def _rounding(kind: type) -> float:
