@@ -42,7 +42,6 @@ class Expansion:
 
     name: str
     taken: set[str]  # names of other nodes, to which those of the new nodes are added
-    #: nodes, bonds: The nodes and bonds.
     nodes: list[Node] = field(default_factory=list)
     bonds: list[Bond] = field(default_factory=list)
     #: Ports of the graph that have another name: ``field.a.e`` where ``field.a`` is a 1-junction.

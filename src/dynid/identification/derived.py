@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
 from dynid.errors import DynidError
+from dynid.identification.statistics import HALF_WIDTH, TAIL_PROBABILITY
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.lti.exponential import balance
 from dynid.lti.root_slopes import Roots, poles, poles_of_all, zeros, zeros_of_all
@@ -26,8 +27,6 @@ from dynid.number_format import counted
 from dynid.parameters import Parameter, named, rates
 from dynid.structure.ports import ratio
 
-#: Half width of a 95 % band in standard deviations; the tails beyond it.
-HALF_WIDTH, _TAIL_PROBABILITY = 1.959963984540054, 0.025
 #: Samples of the posterior that are requested, those of what is not requested, and their seed.
 SAMPLES, FEW_SAMPLES, _POSTERIOR_SEED = 1000, 200, 20261123
 # A quantity is linear if its curvature changes the ends of the band by less than this part of its half width.
@@ -163,7 +162,7 @@ class GaussianPosterior:
             for k, index in enumerate(others):
                 finite = drawn[:, k][np.isfinite(drawn[:, k])]
                 ends_of = (
-                    np.quantile(finite, [_TAIL_PROBABILITY, 1 - _TAIL_PROBABILITY])
+                    np.quantile(finite, [TAIL_PROBABILITY, 1 - TAIL_PROBABILITY])
                     if len(finite)
                     else [-np.inf, np.inf]
                 )

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.defaults import WHITENESS
-from dynid.identification.statistics import autocovariances, chi_squared_tail, root_mean_square, standardised
+from dynid.identification.statistics import (
+    HALF_WIDTH,
+    autocovariances,
+    chi_squared_tail,
+    root_mean_square,
+    standardised,
+)
 
 # Residuals below this part of the channel's RMS are explained whatever their colour (holds, reduced models).
 _SMALL_RESIDUAL_RATIO = 0.03
@@ -24,8 +30,6 @@ _SMALL_RESIDUAL_RATIO = 0.03
 _OPTIMAL_STEP_DEVIATIONS = 0.5
 # … or below this relative size, where residuals are so small that the standard error is no yardstick.
 _RELATIVE_STEP_TOL = 1e-4
-# Half width of a 95 % interval in standard deviations.
-_HALF_WIDTH = 1.959963984540054
 # Lags of the autocorrelation; samples of a segment of the spectrum.
 _AUTOCORRELATION_LAGS, _SEGMENT = 40, 512
 #: Median absolute deviation of the normal distribution of standard deviation 1.
@@ -119,7 +123,7 @@ def autocorrelation(residual: Array) -> tuple[Array, Array]:
     centred = standardised(residual)
     power = np.einsum("tc,tc->c", centred, centred)
     r = autocovariances(centred, lags) / np.where(power > 0, power, 1.0)
-    return r, _HALF_WIDTH / np.sqrt(np.count_nonzero(~np.isnan(residual), axis=0))
+    return r, HALF_WIDTH / np.sqrt(np.count_nonzero(~np.isnan(residual), axis=0))
 
 
 def spectral_lines(samples: int, step: float) -> Array:
@@ -170,7 +174,7 @@ def _interval(degrees: int) -> tuple[float, float]:
     if not degrees:
         return 0.0, math.inf
     spread = 2 / (9 * degrees)
-    low, high = (max(0.0, 1 - spread + z * math.sqrt(spread)) ** 3 for z in (-_HALF_WIDTH, _HALF_WIDTH))
+    low, high = (max(0.0, 1 - spread + z * math.sqrt(spread)) ** 3 for z in (-HALF_WIDTH, HALF_WIDTH))
     return low, high
 
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from dynid.arrays import Array
 
+#: Half width of a 95 % interval of a Gaussian in standard deviations; probability of each tail beyond it.
+HALF_WIDTH, TAIL_PROBABILITY = 1.959963984540054, 0.025
 # Most terms of a continued fraction (they grow with the root of the degrees of freedom), how close its values
 # are to be, and the least number that is divided by.
 _MAX_FRACTION_TERMS, _FRACTION_REL_TOL, _MIN_DIVISOR = 100_000, 1e-14, 1e-300

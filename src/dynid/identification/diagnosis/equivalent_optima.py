@@ -175,11 +175,12 @@ class OptimaSearch:
     def _around(self, best: Optimum, deviations: Array) -> tuple[EquivalentOptima, Optimum | None]:
         """Return the optima equivalent to the best so far, and one of a greater posterior if there is any."""
         eta, priors = best.fit.eta, self.likelihood.priors
+        alone = EquivalentOptima(eta[None], np.zeros(1), np.zeros(1))  # beside a better one
         # Near equal values deviations are large, and optima yet distinct.
         same = np.clip(_SAME_DEVIATIONS * deviations, _SAME_UNITS * priors.units, _DISTINCT * priors.units)
         permutations = self._symmetries(best)
         if (past_saddle := self._beside_saddle(best, permutations, deviations)) is not None:
-            return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), past_saddle
+            return alone, past_saddle
         points = images(permutations, eta, same, _MAX_OPTIMA)
         gain = np.zeros(len(points))  # of the logarithm of the posterior
         bounded = np.isfinite(priors.low) | np.isfinite(priors.high) | priors.has_prior
@@ -191,7 +192,7 @@ class OptimaSearch:
                 optimum = self._beside(k, points)
                 gain[k] = -math.inf if optimum is None else best.misfit - optimum.misfit
                 if gain[k] > _BETTER and optimum is not None:
-                    return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), optimum
+                    return alone, optimum
                 if gain[k] > -DECIDED and optimum is not None:
                     points[k] = optimum.fit.eta
         likelihoods = np.zeros(len(points))
@@ -199,10 +200,10 @@ class OptimaSearch:
         near = list(self._near(best, points, deviations, afar))
         nearest_best = min(near, key=lambda optimum: optimum.misfit, default=best)
         if best.misfit - nearest_best.misfit > _BETTER:
-            return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), nearest_best
+            return alone, nearest_best
         flat, better = self._with_intervals(best, flat, deviations)
         if better is not None:
-            return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), better
+            return alone, better
         for optimum in near:
             for point in images(permutations, optimum.fit.eta, same, _MAX_OPTIMA):
                 points.append(point)

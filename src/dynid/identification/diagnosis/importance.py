@@ -26,6 +26,7 @@ from dynid.identification.least_squares import STATE_RANK, thin_svd
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.likelihood.time_record import TimeRecord
+from dynid.identification.statistics import TAIL_PROBABILITY
 from dynid.parameters import values
 
 #: Samples of the posterior, and the shape of the weights above which it is not Gaussian enough.
@@ -35,7 +36,6 @@ _EVEN_WEIGHTS = 0.95
 # Rounds of further samples where those of the Gaussian posterior are not enough; their degrees of freedom.
 _PROPOSAL_ROUNDS, _STUDENT_DEGREES = 4, 5.0
 _PROPOSAL_SEED = 20261124
-_INTERVAL_TAIL = 0.025
 #: A residual of clean data is no smaller than this part of its channel's RMS.
 _RESIDUAL_FLOOR = 1e-13
 
@@ -155,7 +155,7 @@ def posterior_check(posterior: Posterior) -> PosteriorCheck:
     for column in theta.T:  # weighted quantiles
         order = np.argsort(column)
         cumulated = np.cumsum(used.weight[order]) - used.weight[order] / 2
-        ends.append(np.interp([_INTERVAL_TAIL, 1 - _INTERVAL_TAIL], cumulated, column[order]))
+        ends.append(np.interp([TAIL_PROBABILITY, 1 - TAIL_PROBABILITY], cumulated, column[order]))
     low, high = np.transpose(ends)
     reason = _no_evidence(likelihood)
     evidence = None

@@ -14,11 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.arrays import Array
+from dynid.identification.statistics import HALF_WIDTH, TAIL_PROBABILITY
 
 #: Distance of a limit, in standard deviations, beyond which it cuts off nothing.
 REACH_DEVIATIONS = 6.0
-#: Half width of a 95 % interval in standard deviations; probability of each tail beyond it.
-_HALF_WIDTH, _TAIL_PROBABILITY = 1.959963984540054, 0.025
 # Chains, sweeps before the first sample, samples of each chain, sweeps between them, and the seed.
 _CHAINS, _BURN_IN_SWEEPS, _SAMPLES_OF_CHAIN, _THINNING, _GIBBS_SEED = 256, 40, 48, 2, 20261128
 # Exponents over a chord below which a density counts as exponential, or as uniform.
@@ -50,12 +49,12 @@ class LimitedPosterior:
         free = low < high
         near = (eta - low < REACH_DEVIATIONS * deviations) | (high - eta < REACH_DEVIATIONS * deviations)
         if not near[free].any():
-            half = _HALF_WIDTH * deviations
+            half = HALF_WIDTH * deviations
             return cls(deviations, eta - half, eta + half)
         samples = np.tile(eta, (_CHAINS * _SAMPLES_OF_CHAIN, 1))
         below, above = (low - eta)[free], (high - eta)[free]
         samples[:, free] += _sampled(rows[:, free], residual, below, above, deviations[free])
-        ends = np.quantile(samples, [_TAIL_PROBABILITY, 1 - _TAIL_PROBABILITY], axis=0)
+        ends = np.quantile(samples, [TAIL_PROBABILITY, 1 - TAIL_PROBABILITY], axis=0)
         return cls(samples.std(axis=0), ends[0], ends[1], samples)
 
     def widened(self, low: Array, high: Array) -> LimitedPosterior:
@@ -68,7 +67,7 @@ class LimitedPosterior:
         middle = (self.low + self.high) / 2
         ends = np.array([middle - low, high - middle])
         half = np.max(np.where(np.isfinite(ends), ends, 0.0), axis=0)
-        return replace(self, deviations=np.maximum(self.deviations, half / _HALF_WIDTH), low=low, high=high)
+        return replace(self, deviations=np.maximum(self.deviations, half / HALF_WIDTH), low=low, high=high)
 
 
 def _sampled(rows: Array, residual: Array, low: Array, high: Array, deviations: Array) -> Array:

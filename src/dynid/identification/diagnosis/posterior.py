@@ -20,7 +20,7 @@ from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
 from dynid.errors import Diverged, DynidError, NotIdentifiable
 from dynid.identification.diagnosis.calibration import CalibrationSlopes, calibration_slopes
 from dynid.identification.diagnosis.limited_posterior import LimitedPosterior
-from dynid.identification.diagnosis.profile import HALF_CHI_SQUARED, Profile
+from dynid.identification.diagnosis.profile import Profile
 from dynid.identification.estimators.estimate import Estimate
 from dynid.identification.information import Information, below_noise, joint_information, vanished
 from dynid.identification.likelihood.lack_of_fit import ModelComparison, compare_models
@@ -59,6 +59,8 @@ _UNKNOWN_LOG_DEVIATION = 10.0
 UNDECIDED = 0.8
 #: One beyond which a parameter is poorly known.
 UNCERTAIN = 0.5
+# Half the 95 % quantile of chi-squared with one degree of freedom: misfits within it of the least.
+_HALF_CHI_SQUARED = 1.92
 # Distance of the logarithm at which a value counts as 0: a factor of a thousand.
 _FAR_DISTANCE = float(np.log(1e3))
 # Distance of the logarithm at which the records contradict a value of which they know the order of magnitude.
@@ -475,7 +477,7 @@ class Posterior:
             indistinguishable[k] = self._accepted(k, eta[k] - _FAR_DISTANCE) and not self._accepted(k, large)
         return indistinguishable
 
-    def _accepted(self, k: int, coordinate: float, ratio: float = HALF_CHI_SQUARED) -> bool:
+    def _accepted(self, k: int, coordinate: float, ratio: float = _HALF_CHI_SQUARED) -> bool:
         """Return True if a coordinate of a parameter raises the misfit by no more than `ratio`."""
         # By default that of its 95 % interval by likelihood ratio.
         return Profile(self.likelihood, self.fit, k).at(coordinate).rise <= ratio

@@ -21,9 +21,8 @@ from dynid.arrays import Array, guarded
 from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.statistics import TAIL_PROBABILITY
 
-#: Half the 95 % quantile of chi-squared with one degree of freedom.
-HALF_CHI_SQUARED = 1.92
 # A step outwards is this part of a standard error, or of the distance so far.
 _STEP, _GROWTH = 0.5, 0.125
 # The steps end so many standard errors away, or where the misfit has exceeded the least by so much from four
@@ -31,8 +30,8 @@ _STEP, _GROWTH = 0.5, 0.125
 _REACH, _NEGLIGIBLE, _BEYOND = 6.0, 8.0, 1.25
 # The farthest coordinate, in units: a factor of a thousand of a logarithm.
 _FARTHEST = math.log(1e3)
-# Probability of each tail, and steps in which the other parameters follow.
-_TAIL_PROBABILITY, _FOLLOWING_STEPS = 0.025, 8
+# Steps in which the other parameters follow.
+_FOLLOWING_STEPS = 8
 # Points between two steps at which the profile is interpolated, and a rise that stands for an infinite one.
 _FINE, _IMPOSSIBLE = 20, 100.0
 
@@ -122,5 +121,5 @@ def _quantiles(x: Array, rise: Array) -> tuple[float, float]:
     fine = np.interp(np.linspace(0, len(x) - 1, _FINE * (len(x) - 1) + 1), np.arange(len(x)), x)
     density = np.exp(-PchipInterpolator(x, np.minimum(rise - rise.min(), _IMPOSSIBLE))(fine))
     share = np.concatenate([[0.0], np.cumsum(np.diff(fine) * (density[1:] + density[:-1]))])
-    low, high = np.interp([_TAIL_PROBABILITY, 1 - _TAIL_PROBABILITY], share / share[-1], fine)
+    low, high = np.interp([TAIL_PROBABILITY, 1 - TAIL_PROBABILITY], share / share[-1], fine)
     return float(low), float(high)

@@ -126,9 +126,9 @@ def _unique_warnings(posterior: Posterior) -> Iterator[str]:
         k = int(np.argmax(np.abs(flat.away) / posterior.information.deviations()))
         unknown, eta = posterior.likelihood.unknowns[k], float(posterior.fit.eta[k] + flat.away[k])
         yield (
-            f"the error bars are by profile likelihood: those of the information are too narrow "
-            f"({FLAT_DISTANCE:.0f} of them away, at {unknown.name} = {quantity(unknown.value(eta))}, the "
-            f"logarithm of the likelihood is lower by {flat.rise:.2g}, where they predict "
+            "the error bars are by profile likelihood: those of the information are too narrow "
+            f"({FLAT_DISTANCE:.0f} standard errors away, at {unknown.name} = {quantity(unknown.value(eta))}, "
+            f"the logarithm of the likelihood is lower by {flat.rise:.2g}, where they predict "
             f"{flat.predicted:.2g}); measure longer or with less noise, or give a prior of {unknown.name}; "
             "posterior_check: true weighs the posterior"
         )
