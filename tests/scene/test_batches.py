@@ -360,6 +360,17 @@ measurement:
             "seed=1",
             "joints.upper.m.start is no seed, noise, or start or true value of a joint",
         ),
+        (
+            "joints.upper.k.prior.value",
+            "seed=1",
+            "joints.upper.k.prior.value is no seed, noise, or start or true value of a joint",
+        ),
+        (
+            "measurement.simulate.noise",
+            "seed=1",
+            "measurement.simulate.noise is no seed, noise, or start or true value of a joint",
+        ),
+        ("joints.upper.k.min", "seed=1", "joints.upper.k.min is no seed"),
         ("measurement.simulate.seed", "identifiability=true", "more than an identification from records"),
     ],
 )

@@ -623,3 +623,59 @@ def test_expectations_of_benchmarks_and_groups_of_records_are_left_to_the_run():
         ("identification", "measurement")
     )
     assert names_in(("identification", "nothing")) is None
+
+
+SURVEY = (
+    RECORDS.partition("excitation:")[0] + "measurement: {modes: {values: [{frequency: 9, shape: {1: 1}}]}}\n"
+)
+UNMEASURED = RECORDS.partition("excitation:")[0] + "analysis: {modes: {}}\n"
+OSCILLATOR = """dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, m: {type: I, value: 2}, c: {type: R, value: 4}, k: {type: C, value: 3}, b: 1}
+  bonds: [F -> b -> m, b -> c, b -> k]
+analysis: {outputs: [m.f], results: [poles, reduction]}
+"""
+GRID = "frequency: {start: 1, stop: 4, points: 4, scale: linear}"
+CUT = OSCILLATOR.replace("outputs: [m.f]", f"outputs: [m.f], port: b -> k, {GRID}")
+GRAPH = """dynid: 1
+kind: identification
+parameters: {k: {start: 3, true: 4}}
+graph:
+  nodes: {F: Se, J: 1, m: {type: I, value: 2}, s: {type: C, value: 1/k}, r: {type: R, value: 1}}
+  bonds: [F -> J, J -> m, J -> s, J -> r]
+excitation: [{source: F, kind: step}]
+measurement: {step: 0.01, samples: 100, channels: [{output: m.f}], simulate: {noise_ratio: 0.01, seed: 1}}
+"""
+RESPONSES = GRAPH + f"analysis: {{outputs: [m.f], {GRID}}}\nderived: [frequency_response]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "at", "said"),
+    [
+        # What is not in the result at all is refused once, whatever labels are written behind it.
+        (SURVEY, "structure/modes/omega", "{mode: 3}", "'modes' needs the block 'modes'"),
+        (SURVEY, "identification/diagnostics/residual_ratio", "{channel: x}", ""),
+        (SURVEY, "identification/modes/mac", "{mode: 2}", "there are 1 at most"),
+        (
+            UNMEASURED,
+            "identification/parameters/estimate",
+            "{parameter: x}",
+            "without the block 'measurement'",
+        ),
+        (UNMEASURED, "structure/modes/omega", "{mode: 3}", "there are 2 at most"),
+        (OSCILLATOR, "bond_graph/port/prototype", "{step: 9}", "'port' needs the bond"),
+        (OSCILLATOR, "bond_graph/reduction/steps", "{step: 99}", "there are 2 at most"),
+        (OSCILLATOR, "bond_graph/nothing/m", "{omega: 1}", "no results 'nothing'"),
+        (CUT, "bond_graph/port/steps", "{step: 99}", "there is no step 99"),
+        (CUT, "bond_graph/port/frequency_response/load_Z_eq", "{omega: 2.5}", "no omega 2.5 on"),
+        (GRAPH, "bond_graph/properties/m.f/F/stable", "{mode: 1}", "add the block 'analysis'"),
+        (GRAPH, "identification/measurement/measured", "{time: 0.015}", "no time 0.015 on the grid"),
+        (RESPONSES, f"{DERIVED}/frequency_response/m.f/F/magnitude/value", "{omega: 2}", ""),
+        (RESPONSES, f"{DERIVED}/frequency_response/m.f/F/magnitude/value", "{omega: 2.5}", "no omega 2.5 on"),
+        (RESPONSES, "identification/parameters/estimate", "{time: 2}", "no dimension 'time'"),
+    ],
+)
+def test_labels_of_what_the_scene_leaves_out(text, path, at, said):
+    scene = check(text.partition("expect:")[0] + f"expect:\n  - {{path: {path}, at: {at}, value: 1}}\n")
+    assert [said in fault.message for fault in impossible_paths(scene)] == ([True] if said else [])

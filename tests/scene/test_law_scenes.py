@@ -9,6 +9,7 @@ from mpmath import mp, mpf
 import dynid
 from dynid.errors import Diverged, NumericalError, SceneError, Singular, UsageError
 from dynid.scene.load import check_source
+from dynid.scene.schema.base import aspects_of
 from dynid.scene.yaml.source import parse_source
 
 POINT = "bond_graph/operating_point"
@@ -616,3 +617,54 @@ def test_a_check_makes_few_of_many_starts_and_leaves_what_they_miss_to_the_run(
     errors = preparation_errors(check_source(parse_source(text)))
     assert len({error.problem for error in errors}) == refused
     assert 0 < len(made) < 100
+
+
+DAMPER = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, m: {type: I, value: m}, c: {type: R, value: 4}, b: 1}
+  bonds: [F -> b -> m, b -> c]
+parameters: {m: 2}
+analysis: {outputs: [m.f], results: [poles, time_response], time: {stop: 1, step: 0.1}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("c: {type: R, value: 4}", "c: {type: R, value: x.f}", "'x.f': no node 'x'"),
+        ("c: {type: R, value: 4}", "c: {type: Q, value: m.f}", "unknown node type 'Q'"),
+        ("b: 1}", "b: 1, d: {type: R, law: {e: g.f}}, g: X}", "name a variable of a single node or port"),
+        ("kind: bond-graph", "kind: identification", "laws are for scenes of kind bond-graph"),
+        ("step: 0.1}", "step: 0.1, input: {kind: step, gain: 2}}", "'gain' belongs to the excitation of a"),
+    ],
+)
+def test_faults_of_variables_and_signals(old, new, said):
+    text = DAMPER.replace(old, new)
+    if "identification" in text:
+        text = text.replace("m: 2", "m: {start: 2}").replace("R, value: 4", "R, value: m.f")
+    with pytest.raises(SceneError) as caught:
+        scene(text)
+    assert any(said in fault.message for fault in caught.value.faults), caught.value
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "propagated"),
+    [
+        ("", "", True),
+        (", time_response", "", False),
+        ("step: 0.1}", "step: 0.1, input: {source: F, kind: impulse}}", False),
+        ("step: 0.1}}", "step: 0.1}}\ninitial: {m: {f: 1}}", False),
+        (
+            "step: 0.1}}",
+            "step: 0.1, input: {source: F, kind: sine, frequency: 2}}}\ninitial: {m: {f: 1}}",
+            True,
+        ),
+    ],
+)
+@pytest.mark.parametrize("kind", ["bond-graph", "identification"])
+def test_propagation_is_chosen_where_a_signal_drives_a_response(kind, old, new, propagated):
+    text = DAMPER.replace(old, new).replace("kind: bond-graph", f"kind: {kind}")
+    text = text.replace("m: 2", "m: {start: 2}") if kind == "identification" else text
+    assert ("propagation" in aspects_of(scene(text).model)) == propagated

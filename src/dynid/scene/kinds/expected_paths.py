@@ -143,10 +143,14 @@ def impossible_paths(scene: Scene, study: Scene[StudyScene] | None = None) -> It
     if study is not None:
         collected = enumerate(study.model.collect)
         paths += [(study, ("collect", k), path) for k, path in collected if not set(path) & set("*?[")]
+    refused = set()
     for holder, place, path in paths:
         if problem := _problem(scene, _parts(path), certain=certain, groups=holder is study):
+            refused.add(place)
             yield holder.source.fault(place, problem)
     for number, expectation in enumerate(scene.model.expect):
+        if ("expect", number, "path") in refused:
+            continue  # labels of what does not exist
         parts = _parts(expectation.path)
         array = "/".join((*(pattern_of(parts[:-1]) or ()), parts[-1]))
         for dim, label in (expectation.at or {}).items():

@@ -46,8 +46,8 @@ class LawModel(Section):
 
 def _modulated(raw: Any, info: ValidationInfo) -> Quantity:
     """Resolve the value of a node, which may be an expression of variables of the graph."""
-    kind, nodes = str(info.data.get("type")), names_of(info).nodes
-    if isinstance(raw, str) and nodes:
+    kind, nodes = info.data.get("type"), names_of(info).nodes
+    if isinstance(raw, str) and nodes and kind is not None:  # a type that is unknown is a fault of its own
         try:
             expression = parse(raw)
         except ExpressionError:
