@@ -163,22 +163,33 @@ def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) 
 
 def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Add the state equations, and responses over frequency and time."""
-    asked = analysis.results
+    asked, late = analysis.results, any(loop.delayed for loop in analysis.loops)
     if "state_space" in asked:
         report_progress("state equations")
         add_state_space(result, reduced)
     if "frequency_response" in asked and analysis.omega is not None:
         report_progress("frequency response")
         evaluate = None
-        if analysis.opened is not None and any(loop.delayed for loop in analysis.loops):
+        if late:
             from dynid.bondgraph.delayed_response import delayed_response
 
             evaluate = delayed_response(_opened(analysis), analysis.loops, reduced.inputs, reduced.outputs)
         add_frequency_response(result, reduced, analysis.omega, evaluate)
     if "time_response" in asked and analysis.times is not None:
         report_progress("time response")
+        delayed, modelled = None, reduced
+        if late:
+            from dynid.bondgraph.delayed_states import delay_system
+
+            outputs, stored = reduced.outputs, tuple(analysis.initial)
+            delayed, modelled = delay_system(
+                _opened(analysis), analysis.loops, reduced.inputs, outputs, stored
+            )
         add_time_response(
-            result, reduced, analysis.times, analysis.signals, analysis.initial, apart=analysis.apart
+            *(result, reduced, analysis.times, analysis.signals, analysis.initial),
+            apart=analysis.apart,
+            delayed=delayed,
+            storages=len(modelled.storages),
         )
         if analysis.linearisation is not None:
             from dynid.bondgraph.results.operating_point import add_nonlinear_response
@@ -212,7 +223,8 @@ def _add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Ana
         parts.append(divided("elements", nodes, kept, "no output depends on them"))
         parts.append(divided("storages", reduced.storages, inside, "no output depends on them"))
         about = result.group_attrs.get("bond_graph/time_response", {})
-        if "bond_graph/state_space/state" in result or "states" in about:
+        late = any(loop.delayed for loop in analysis.loops)  # the storages are those of approximants
+        if "bond_graph/state_space/state" in result or ("states" in about and not late):
             states = str(about.get("states", "")).split(", ")
             if "bond_graph/state_space/state" in result:
                 states = result["bond_graph/state_space/state"].data.tolist()

@@ -98,19 +98,21 @@ class _ClosedLoops:
     answered: tuple[Port, ...]
     #: By the junction whose flow it is, what is measured by an integral of its own: no state of the graph.
     integrals: dict[str, Port]
+    #: Of the loops with delays that are cut: the source that stands for the delayed answer, and the answer.
+    delayed: tuple[tuple[str, Port], ...] = ()
 
 
-def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> _ClosedLoops:
-    """Return a graph with feedback; delays are approximated (`Loop.approximated`).
+def close_loops(graph: BondGraph, loops: Iterable[Loop], *, cut: bool = False) -> _ClosedLoops:
+    """Return a graph with feedback; delays are approximated (`Loop.approximated`), or `cut` out.
 
     Raises `UsageError` if a controller differentiates more than once.
     """
     circuit, loops = Circuit(graph), list(loops)
     for source in dict.fromkeys(loop.source for loop in loops):
         circuit.drive(source)
-    answered = tuple(circuit.close(loop.approximated()) for loop in loops)
+    answered = tuple(circuit.close(loop if cut else loop.approximated()) for loop in loops)
     closed = BondGraph(circuit.nodes.values(), circuit.bonds)
-    return _ClosedLoops(closed, circuit.variables, answered, circuit.integrals)
+    return _ClosedLoops(closed, circuit.variables, answered, circuit.integrals, tuple(circuit.delayed))
 
 
 class Circuit:
@@ -125,6 +127,7 @@ class Circuit:
         self.driven: dict[str, int] = {}  # by driven source 1 where its arrow points away, else -1
         self.variables: dict[Port, Port] = {}  # of driven sources: where they are now
         self.integrals: dict[str, Port] = {}  # by their junction what they measure
+        self.delayed: list[tuple[str, Port]] = []  # sources that stand for delayed answers, and the answers
         self._sensors: dict[tuple[str, str], str] = {}
 
     def drive(self, source: str) -> None:
@@ -146,12 +149,22 @@ class Circuit:
         self.variables |= {Port(source, q): Port(end, q, f"{source}.{q}") for q in others}
 
     def close(self, loop: Loop) -> Port:
-        """Add a controller, the reference and the setpoint; return what the controller answers to."""
-        effort = self.graph.nodes[loop.source].type == "Se"
+        """Add a controller, the reference and the setpoint; return what the controller answers to.
+
+        A delayed answer ends as the flow of a unit resistor; a source stands for what it is a delay later.
+        """
+        kind: NodeType = "Se" if self.graph.nodes[loop.source].type == "Se" else "Sf"
         if loop.reference:
-            self.nodes[loop.reference] = Node(loop.reference, "Se" if effort else "Sf")
-            ends = (loop.reference, loop.source)
-            self.bonds.append(Bond(*(ends if self.driven[loop.source] > 0 else ends[::-1])))
+            self.nodes[loop.reference] = Node(loop.reference, kind)
+            self._add_source(loop.reference, loop.source)
+        answer = loop.source
+        if reference(loop.delay):
+            delayed = self._add(kind, f"{loop.source}.delayed")
+            self._add_source(delayed, loop.source)
+            answer = self._add("1", f"{loop.source}.answer")
+            self.delayed.append((delayed, Port(answer, "f")))
+            self.bonds.append(Bond(answer, self._add("R", f"{answer}_R", Fraction(1))))
+            self.driven[answer] = 1
         at, scale = self.measure(loop.measured, loop.source)
         answered = self.variables.get(loop.measured, loop.measured)
         if loop.setpoint:
@@ -169,9 +182,9 @@ class Circuit:
                 names=[name for name in (loop.place,) if name],
             )
         if any(map(reference, gains[:1])):
-            self._feed(at, loop.source, scale * gains[0])
+            self._feed(at, answer, scale * gains[0])
         if len(gains) > 1:
-            self._feed(self._rate(at, loop.source), loop.source, scale * gains[1])
+            self._feed(self._rate(at, loop.source), answer, scale * gains[1])
         states = [self._integrator(f"{loop.source}.x{k}") for k in range(1, len(monic))]
         for state, following in pairwise(states):
             self._activate(following, state, Fraction(1))
@@ -183,7 +196,7 @@ class Circuit:
                 damper = self._add("R", f"{states[-1]}_a", monic[-2])
                 self.bonds.append(Bond(states[-1], damper))
         for state, coefficient in zip(states, remainder, strict=False):
-            self._feed(state, loop.source, scale * coefficient)
+            self._feed(state, answer, scale * coefficient)
         return answered
 
     def measure(self, port: Port, owner: str) -> tuple[str, Real]:
@@ -211,6 +224,11 @@ class Circuit:
             self._activate(at, state, Fraction(1))
             return state, Fraction(1)
         return at, Fraction(1)
+
+    def _add_source(self, name: str, driven: str) -> None:
+        """Let a source act on the balance of a driven one."""
+        ends = (name, driven) if self.driven[driven] > 0 else (driven, name)
+        self.bonds.append(Bond(*ends))
 
     def _feed(self, at: str, source: str, gain: Real) -> None:
         """Let a signal, times minus a gain, enter the balance of a driven source."""

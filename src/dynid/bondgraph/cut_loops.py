@@ -93,7 +93,7 @@ class CutLoops:
             denominator = math.prod((below for _, _, below in parts), start=0 * common + 1)
             over = [(loop, above * (denominator // below)) for loop, above, below in parts]
             self._groups.append((denominator, over))
-        self._delays = _in_proportion([rounded_number(reference(loop.delay)) for loop in loops])
+        self._delays = in_proportion([rounded_number(reference(loop.delay)) for loop in loops])
         # Margins, loci and verdicts ask for the same few again and again.
         self._minors, self._functions = dict[frozenset[int], Any](), dict[tuple[int, ...], QuasiPolynomial]()
 
@@ -315,7 +315,7 @@ def rational(functions: Sequence[QuasiPolynomial], order: int) -> list[Any]:
     return [(total * common).numer() for total in numerators]
 
 
-def _in_proportion(delays: list[Fraction]) -> list[Fraction]:
+def in_proportion(delays: list[Fraction]) -> list[Fraction]:
     """Return delays whose ratios to one another are exact again where rounding moved them."""
     exact = list[Fraction]()
     for delay in delays:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +53,18 @@ class StateSpace:
             if len(units) != count:
                 raise UsageError(f"the number of {name} must be {count}, not {len(units)}")
             object.__setattr__(self, name, units)
+
+    def with_inputs(self, names: Sequence[str]) -> StateSpace:
+        """Return the system with these inputs; a name that repeats is several inputs that act alike."""
+        columns = [self.inputs.index(name) for name in names]
+        return replace(
+            self,
+            B=self.B[:, columns],
+            D=self.D[:, columns],
+            higher=tuple(matrix[:, columns] for matrix in self.higher),
+            inputs=tuple(names),
+            input_units=tuple(self.input_units[column] for column in columns),
+        )
 
 
 def _matrix(name: str, values: ArrayLike) -> Array:

@@ -245,12 +245,12 @@ def impulsive_outputs(system: StateSpace, signals: Sequence[Signal], stop: float
     impulsive = np.zeros(len(system.C), dtype=bool)
     for order, feedthrough in enumerate((system.D, *system.higher)):
         for column in np.flatnonzero(feedthrough.any(axis=0)):
-            if any(_derivative_jumps(signals[int(column)], below, stop) for below in range(-1, order)):
+            if any(derivative_jumps(signals[int(column)], below, stop) for below in range(-1, order)):
                 impulsive |= feedthrough[:, column] != 0
     return impulsive
 
 
-def _derivative_jumps(signal: Signal, order: int, stop: float) -> bool:
+def derivative_jumps(signal: Signal, order: int, stop: float) -> bool:
     """Return True where a derivative of a signal jumps; of order -1, where the signal is an impulse."""
     if order < 0:
         return signal.jump != 0

@@ -295,7 +295,7 @@ _TRUE = tuple(
     f"bond_graph/{name}/"
     for name in (
         *("frequency_response", "frequency_peaks", "margins", "sensitivity_functions", "root_locus"),
-        *("system", "operating_point", "need", "port/performance"),
+        *("time_response", "system", "operating_point", "need", "port/performance"),
     )
 )
 #: Arrays and verdicts of channels that approximants do not change, or that are replaced by the true ones.
@@ -331,7 +331,7 @@ def with_delays(result: Result, analysis: Analysis) -> Result:
     return marked_result
 
 
-_NOTE = "frequency responses, margins and verdicts on stability have the delays as they are"
+_NOTE = "responses, margins and verdicts on stability have the delays as they are"
 
 
 def _approximate(path: str) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
@@ -23,9 +22,9 @@ from dynid.result import Result, common_unit
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from dynid.lti.delay_system import DelayedResponse, DelaySystem
     from dynid.lti.generator import Signal
     from dynid.lti.peaks import ResponseFunction
-    from dynid.lti.state_space import StateSpace
     from dynid.lti.time_response import TimeResponse
 
 
@@ -120,6 +119,8 @@ def add_time_response(
     initial: Mapping[str, float | Fraction],
     *,
     apart: bool = False,
+    storages: int,
+    delayed: DelaySystem | None = None,
 ) -> None:
     """Add the response to signals, and to stored energy as equivalent sources (eqs 13 to 16).
 
@@ -129,6 +130,7 @@ def add_time_response(
 
     `signals`: pairs of an input and what drives it. `initial`: the flow of an I or the effort of a C at t =
     0, by name. `apart`: True: each input has one signal, nothing is stored, and the responses are not added.
+    `storages`: how many the graph has. `delayed`: the graph with the delays of its loops; default: none.
     """
     from dynid.arrays import guarded
     from dynid.bondgraph.graph_state_space import rational_matrices, state_space
@@ -136,19 +138,24 @@ def add_time_response(
     from dynid.lti.signals import Impulse
     from dynid.lti.time_response import impulsive_outputs
 
-    system = state_space(reduced, tuple(initial))
+    system = state_space(reduced, tuple(initial)) if delayed is None else delayed.lft
     stored = [(f"{STORED}{name}", Impulse(float(value))) for name, value in initial.items()]
     driven: dict[str, Sequence[tuple[str, Signal]]] = {"zero_state": signals, "zero_input": stored}
     if apart:
         driven = {name: [(name, signal)] for name, signal in signals}
-    solved: dict[str, TimeResponse] = {}
-    doubts = []  # the parts of an output that are in doubt
+    solved: dict[str, TimeResponse | DelayedResponse] = {}
+    responses: list[DelayedResponse] = []
+    doubts = [0.0]  # the parts of an output that are in doubt
     for signal, driving in driven.items():
         if driving or not any(driven.values()):
-            rational = partial(rational_matrices, reduced, tuple(initial), [name for name, _ in driving])
-            shapes = [signal for _, signal in driving]
+            names, shapes = [name for name, _ in driving], [signal for _, signal in driving]
+            rational = partial(rational_matrices, reduced, tuple(initial), names)
             with guarded("the time response", names=("analysis.time",)):
-                solved[signal], doubt = refined_response(_driven(system, driving), shapes, times, rational)
+                if delayed is not None:
+                    solved[signal] = response = delayed.with_inputs(names).response(shapes, times)
+                    responses.append(response)
+                    continue
+                solved[signal], doubt = refined_response(system.with_inputs(names), shapes, times, rational)
             doubts.append(doubt)
     sources = np.zeros((len(times), len(reduced.inputs)))
     if apart:
@@ -162,10 +169,17 @@ def add_time_response(
             sources[:, reduced.inputs.index(name)] += solved["zero_state"].inputs[:, column]
     _add_courses(result, reduced, times, outputs, sources)
     result.annotate(_TIME, states=", ".join(system.states), order=len(system.states))
-    notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []
+    notes = [_SHARED] if initial and len(system.states) < storages else []
     all_signals = [*signals, *stored]
-    shapes = [signal for _, signal in all_signals]
-    impulsive = impulsive_outputs(_driven(system, all_signals), shapes, float(times[-1]))
+    if delayed is not None:
+        impulsive = np.any([response.impulsive for response in responses], axis=0)
+        error = np.sum([response.error for response in responses], axis=0)
+        result.add(f"{_TIME}/error_estimate", error, ("output",), result[f"{_TIME}/response"].units)
+        result.annotate(_TIME, segments=sum(response.segments for response in responses))
+    else:
+        shapes = [signal for _, signal in all_signals]
+        alone = system.with_inputs([name for name, _ in all_signals])
+        impulsive = impulsive_outputs(alone, shapes, float(times[-1]))
     names = [str(port) for port, has_impulse in zip(reduced.outputs, impulsive, strict=True) if has_impulse]
     if names:
         where = "where an input, or a derivative of one, jumps"
@@ -175,19 +189,6 @@ def add_time_response(
         notes.append(f"rounding moves an output by about {max(doubts):.1g} of its largest value")
     if notes:
         result.annotate(_TIME, note="; ".join(notes))
-
-
-def _driven(system: StateSpace, driving: Sequence[tuple[str, Signal]]) -> StateSpace:
-    """Return the system with an input for every signal; several may drive one source."""
-    columns = [system.inputs.index(name) for name, _ in driving]
-    return replace(
-        system,
-        B=system.B[:, columns],
-        D=system.D[:, columns],
-        higher=tuple(matrix[:, columns] for matrix in system.higher),
-        inputs=(),
-        input_units=(),
-    )
 
 
 def _add_courses(

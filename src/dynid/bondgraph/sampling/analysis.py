@@ -107,6 +107,8 @@ _ALONE = frozenset(
 def shared(paths: Collection[str], analysis: Analysis) -> bool:
     """Test whether samples of an analysis share enough work on these paths to be run together."""
     groups = (*_CHANNELS, _FREQUENCY, _TIME)
+    if any(loop.delayed for loop in analysis.loops):  # its reduction has approximants of them
+        return False
     if analysis.port is not None or not all(path.startswith(groups) for path in paths):
         return False
     return not any(path.rpartition("/")[2] in CHARACTERISTICS for path in paths)
@@ -195,7 +197,9 @@ class SampledAnalysis:
                 add_frequency_response(result, reduced, analysis.omega)
             if self._asks(_TIME) and analysis.times is not None:
                 add_time_response(
-                    result, reduced, analysis.times, analysis.signals, initial, apart=analysis.apart
+                    *(result, reduced, analysis.times, analysis.signals, initial),
+                    apart=analysis.apart,
+                    storages=len(reduced.storages),
                 )
         except DynidError:
             return None

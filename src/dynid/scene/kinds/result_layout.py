@@ -120,7 +120,7 @@ LAYOUT: dict[str, str] = {
     "bond_graph/frequency_peaks": f"{_PEAKS} approximate",
     "bond_graph/time_response": (
         f"{_TIME_RESPONSE} states order zero_state zero_input nonlinear nonlinear_deviation "
-        "nonlinear_tolerance nonlinear_error operating_value approximate"
+        "nonlinear_tolerance nonlinear_error operating_value error_estimate segments approximate"
     ),
     "bond_graph/zero_input": "initial",
     "bond_graph/zero_input/<output>": f"{_RATIO} exact approximate",

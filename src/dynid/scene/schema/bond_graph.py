@@ -500,7 +500,12 @@ class BondGraphScene(ComposedScene):
             message = "a graph with a delay in a loop is not designed; "
             message += "write it as {numerator: …, denominator: …}"
             yield from (((*path, AT_KEY), message) for path in control.delays)
-        message = f"a time response is not computed where a loop has a delay; {DELAY_REMEDY}"
+        nodes = self.graph.nodes.values()
+        if self.operating_point is None and not any(
+            node.law is not None or (node.value is not None and node.value.variable) for node in nodes
+        ):
+            return
+        message = f"the response of nonlinear laws is not computed where a loop has a delay; {DELAY_REMEDY}"
         if self.analysis.results is None and self.analysis.time is not None:
             yield ("analysis", "time", AT_KEY), message
         for index, name in enumerate(self.analysis.results or ()):
