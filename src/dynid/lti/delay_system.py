@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +47,8 @@ _JUMP_RTOL = 1e-9
 #: Denominator to which break points of signals are rounded, relative to the duration: they are decimal
 #: multiples, read from doubles.
 _BREAK_DENOMINATOR = 10**9
+#: Bits of the common denominator of delays and break points; of irrational ones they are many.
+_MAX_DENOMINATOR_BITS = 4000
 #: Bytes of the operators of distinct lengths that are kept.
 _MAX_OPERATOR_BYTES = 200_000_000
 #: Instants at which the error is estimated.
@@ -147,19 +149,22 @@ class DelayedResponse(NamedTuple):
 class Segment(NamedTuple):
     """A stretch of a response: Chebyshev coefficients of y and of u (degree + 1 x outputs, x inputs)."""
 
-    start: Fraction
-    stop: Fraction
+    start: float  # s
+    stop: float
     outputs: Array
     inputs: Array
 
-    def at(self, times: Array, outputs: Array | None = None) -> Array:
-        """Return y, or other coefficients, at times within it (times x outputs)."""
-        start, length = float(self.start), float(self.stop - self.start)
-        theta = np.clip(2 * (times - start) / length - 1, -1.0, 1.0)
-        return np.asarray(
-            chebyshev.chebvander(theta, len(self.outputs) - 1)
-            @ (self.outputs if outputs is None else outputs)
-        )
+    def at(self, times: Array) -> Array:
+        """Return y at times within it (times x outputs)."""
+        return _evaluate(self.outputs, (times - self.start) / (self.stop - self.start))
+
+
+class _Past(NamedTuple):
+    """A segment that delays still reach back to, its ends in ticks."""
+
+    start: int
+    stop: int
+    outputs: Array  # coefficients of y and z
 
 
 class Propagation:
@@ -168,7 +173,8 @@ class Propagation:
     `signals`: one for each input u; None: an input that is held, 0 until `hold` changes it at the present
     time. A sampled controller advances to each instant (`for segment in run.segments(instant)`), reads what
     it measures just before (`run.now`), and holds its answer (`run.hold`). `stop`, s: the end, for a refusal
-    beforehand of more than `MAX_SEGMENTS`.
+    beforehand of more than `MAX_SEGMENTS`. `period`: of such instants, which are then exact, as are delays
+    and break points of signals.
     """
 
     def __init__(
@@ -177,15 +183,24 @@ class Propagation:
         signals: Sequence[Signal | None],
         stop: float,
         *,
+        period: Fraction = Fraction(1),
         degree: int = _DEGREE,
         rtol: float = _TAIL_RTOL,
     ) -> None:
         if len(signals) != system.inputs:
             raise UsageError(f"a system needs one signal per input: {system.inputs}, not {len(signals)}")
         self.system, self.signals, self.degree, self.rtol = system, list(signals), degree, rtol
-        self.time, self.stop = Fraction(0), _exact(stop)
-        self.shortest = min(system.delays, default=self.stop or Fraction(1))
-        self._refuse(math.ceil(self.stop / self.shortest) if self.stop else 0)
+        self.stop = _exact(stop)
+        breaks = self._signal_breaks()
+        self._unit = _common_denominator([*system.delays, self.stop, period, *(time for time, *_ in breaks)])
+        #: Break points ahead: time in ticks, input, order of the derivative that jumps, Dirac strength.
+        self._breaks = [(self._ticks(time), *event) for time, *event in breaks]
+        heapify(self._breaks)
+        self._delays, self._now = [self._ticks(delay) for delay in system.delays], 0
+        self._shortest = min(self._delays, default=self._ticks(self.stop or Fraction(1)))
+        self._longest = max(self._delays, default=0)
+        self.count = 0  #: The number of segments so far.
+        self._refuse(-(-self._ticks(self.stop) // self._shortest))
         lft = system.lft
         self._scale = balance(lft.A)
         self._A = rescaled(lft.A, self._scale)
@@ -199,38 +214,47 @@ class Propagation:
         self._rate = np.zeros((degree + 1, degree + 1))  # by the fraction of the segment, not by θ
         for k in range(1, degree + 1):
             self._rate[:-1, k] = 2 * chebyshev.chebder(np.eye(degree + 1)[k])
+        self._constant = np.eye(1, degree + 1)[0]
         self._operators: dict[float, tuple[Array, Array]] = {}
         self._bytes = 0
         self._held = np.zeros(system.inputs)
-        self._past = deque([_rest(system, degree)])
+        self._past = deque([_Past(-self._longest - 1, 0, np.zeros((degree + 1, len(lft.C))))])
         self._cursors = [0] * len(system.delays)
         self._before: Array | None = None  # coefficients of all inputs on the last segment, by its length
         self._length = 1.0
         self._sizes = np.zeros(sum(lft.D.shape))
         self._orders = system._break_orders()
-        self._breaks: list[tuple[Fraction, int, int, float]] = []  # time, input, order, Dirac strength
-        #: Outputs with a Dirac part, and the number of segments so far.
+        #: Outputs with a Dirac part.
         self.impulsive = np.zeros(system.outputs, dtype=bool)
-        self.count = 0
-        for column, signal in enumerate(self.signals):
-            self._add_breaks(column, signal)
+        self._readouts = [None if signal is None else signal.generator()[1] for signal in self.signals]
 
-    def _add_breaks(self, column: int, signal: Signal | None) -> None:
-        if signal is None:
-            return
-        if signal.jump:
-            heappush(self._breaks, (Fraction(0), column, -1, signal.jump))
-        orders = range(_MAX_BREAK_ORDER + 1) if self.stop else ()
-        order = next((k for k in orders if derivative_jumps(signal, k, float(self.stop))), None)
-        if order is None:
-            return
-        for time in {Fraction(0), *(_exact(t, self.stop) for t in signal.breakpoints(0.0, float(self.stop)))}:
-            heappush(self._breaks, (time, column, order, 0.0))
+    @property
+    def time(self) -> Fraction:
+        """The present time, s."""
+        return Fraction(self._now, self._unit)
+
+    def _ticks(self, time: Fraction) -> int:
+        return round(time * self._unit)
+
+    def _signal_breaks(self) -> list[tuple[Fraction, int, int, float]]:
+        """Return break points of signals: time, input, order of the derivative that jumps, Dirac strength."""
+        breaks, stop = [], float(self.stop)
+        for column, signal in enumerate(self.signals):
+            if signal is None:
+                continue
+            if signal.jump:
+                breaks.append((Fraction(0), column, -1, signal.jump))
+            orders = range(_MAX_BREAK_ORDER + 1) if stop else ()
+            order = next((k for k in orders if derivative_jumps(signal, k, stop)), None)
+            if order is not None:
+                times = {Fraction(0), *(_exact(time, self.stop) for time in signal.breakpoints(0.0, stop))}
+                breaks += [(time, column, order, 0.0) for time in times]
+        return breaks
 
     def hold(self, column: int, value: float) -> None:
         """Hold an input u that has no signal at a value from the present time on."""
         self._held[column] = value
-        heappush(self._breaks, (self.time, column, 0, 0.0))
+        heappush(self._breaks, (self._now, column, 0, 0.0))
 
     @property
     def now(self) -> Array:
@@ -245,7 +269,7 @@ class Propagation:
         moved = times + 4 * np.finfo(float).eps * np.abs(times)
         end = _exact(float(times[-1]), self.stop)
         for segment in self.segments(end, beyond=True):
-            last = int(np.searchsorted(moved, float(segment.stop))) if segment.stop <= end else len(times)
+            last = int(np.searchsorted(moved, segment.stop)) if segment.stop <= float(end) else len(times)
             if last > first:
                 values[first:last] = segment.at(times[first:last])
                 first = last
@@ -253,14 +277,14 @@ class Propagation:
 
     def segments(self, until: Fraction, *, beyond: bool = False) -> Iterator[Segment]:
         """Propagate to a time, and yield the segments up to there; `beyond`: one more that begins there."""
-        while self.time < until:
+        end = self._ticks(until)
+        while self._now < end:
             self._meet_breaks()
-            end = min(self._breaks[0][0], until) if self._breaks else until
-            yield from self._stretch(end)
+            yield from self._stretch(min([end, *(time for time, *_ in self._breaks[:1])]))
         if beyond:
             self._meet_breaks()
-            end = min([self.time + self.shortest, *(time for time, *_ in self._breaks[:1])])
-            yield from self._stretch(end, once=True)
+            ahead = min([self._now + self._shortest, *(time for time, *_ in self._breaks[:1])])
+            yield next(self._stretch(ahead, beyond=True))
 
     # --- break points ---------------------------------------------------------------------------------
 
@@ -269,7 +293,7 @@ class Propagation:
         inputs = self.system.inputs
         orders = np.full(self._B.shape[1], np.inf)
         strengths = np.zeros((1, self._B.shape[1]))  # of δ, δ', …
-        while self._breaks and self._breaks[0][0] <= self.time:
+        while self._breaks and self._breaks[0][0] <= self._now:
             _, column, order, strength = heappop(self._breaks)
             orders[column] = min(orders[column], order)
             if order < 0:
@@ -282,7 +306,7 @@ class Propagation:
         passed_on = (self._orders + orders).min(axis=1)[self.system.outputs :]
         for index, order in enumerate(passed_on):
             if order <= _MAX_BREAK_ORDER:
-                time = self.time + self.system.delays[index]
+                time = self._now + self._delays[index]
                 heappush(self._breaks, (time, inputs + index, max(int(order), 0), 0.0))
 
     def _jump(self, strengths: Array) -> None:
@@ -304,7 +328,7 @@ class Propagation:
         shown = self.system.outputs
         self.impulsive |= (parts[:, :shown] != 0).any(axis=0)
         for order, index in zip(*np.nonzero(parts[:, shown:]), strict=True):
-            time, column = self.time + self.system.delays[index], self.system.inputs + int(index)
+            time, column = self._now + self._delays[index], self.system.inputs + int(index)
             heappush(self._breaks, (time, column, -1 - int(order), float(parts[order, shown + index])))
 
     def _differentiate_jumps(self, coefficients: Array, length: float) -> None:
@@ -328,69 +352,58 @@ class Propagation:
 
     # --- segments -------------------------------------------------------------------------------------
 
-    def _stretch(self, end: Fraction, *, once: bool = False) -> Iterator[Segment]:
-        """Propagate to a time without break points before it.
-
-        `once`: by one segment, however short, in which signals continue as they are where it begins.
-        """
-        start, span = self.time, end - self.time
-        parts = math.ceil(span / self.shortest)
-        self._refuse(self.count + parts)
+    def _stretch(self, end: int, *, beyond: bool = False) -> Iterator[Segment]:
+        """Propagate to a time without break points before it; `beyond`: signals continue as they begin."""
+        self._refuse(self.count - (self._now - end) // self._shortest)
         fresh = True
-        for part in range(parts):
-            stop = start + span * (part + 1) / parts
-            pending = [(start + span * part / parts, stop, 0)]
+        while self._now < end:
+            pending = [(self._now, min(self._now + self._shortest, end), 0)]
             while pending:
                 low, high, halvings = pending.pop()
-                segment = self._segment(low, high, low if once else (low + high) / 2, fresh=fresh)
+                segment = self._segment(low, high, low if beyond else (low + high) // 2, fresh=fresh)
                 if segment is None:
                     if halvings >= _MAX_HALVINGS:
                         raise NumericalError(
-                            f"the time response is not resolved near {float(low):.6g} s",
+                            f"the time response is not resolved near {low / self._unit:.6g} s",
                             remedy="Shorten the time, or bring the values nearer to each other.",
                         )
-                    middle = (low + high) / 2
+                    middle = (low + high) // 2
                     pending += [(middle, high, halvings + 1), (low, middle, halvings + 1)]
                     continue
                 fresh = False
                 yield segment
-                if once:
-                    return
 
     def _refuse(self, count: int) -> None:
         if count > MAX_SEGMENTS:
             raise UsageError(
                 f"the time response takes {count:,} segments or more, one in every delay of "
-                f"{float(self.shortest):g} s; at most {MAX_SEGMENTS:,} are computed",
+                f"{self._shortest / self._unit:g} s; at most {MAX_SEGMENTS:,} are computed",
                 remedy="Shorten the time (stop), or leave out a delay that is short beside it.",
                 names=("analysis.time",),
             )
 
-    def _segment(self, low: Fraction, high: Fraction, piece: Fraction, *, fresh: bool) -> Segment | None:
+    def _segment(self, low: int, high: int, piece: int, *, fresh: bool) -> Segment | None:
         """Propagate over a segment; None where polynomials do not resolve it.
 
         `piece`: a time of the pieces of the signals that hold there.
         """
-        length = float(high - low)
-        inputs = np.empty((self.degree + 1, self._B.shape[1]))
+        start, length, count = low / self._unit, (high - low) / self._unit, self._B.shape[1]
+        joined = np.empty((self.degree + 1, len(self._sizes)))  # coefficients of u, v, y, z
+        inputs, outputs = joined[:, :count], joined[:, count:]
         for column in range(self.system.inputs):
-            inputs[:, column] = self._driving(column, float(low), length, float(piece))
-        for index in range(len(self.system.delays)):
-            inputs[:, self.system.inputs + index] = self._delayed(index, low, high, length)
+            inputs[:, column] = self._driving(column, start, length, piece / self._unit)
+        for index in range(len(self._delays)):
+            inputs[:, self.system.inputs + index] = self._delayed(index, low, high)
         outputs_of, state_of = self._operator(length)
         known = np.concatenate([self._x, inputs.ravel()])
-        outputs = (outputs_of @ known).reshape(self.degree + 1, len(self._C))
-        joined = np.concatenate([inputs, outputs], axis=1)
-        sizes = np.maximum(self._sizes, np.abs(joined).max(axis=0))
-        tails = np.abs(joined[-_TAIL:]).max(axis=0)
-        excess = tails > self.rtol * sizes
-        if excess.any():
-            largest = np.broadcast_to(np.abs(inputs).max(axis=0), inputs.shape)
+        outputs[:] = (outputs_of @ known).reshape(outputs.shape)
+        sizes = np.abs(joined)
+        tails, sizes = sizes[-_TAIL:].max(axis=0), np.maximum(self._sizes, sizes.max(axis=0))
+        if (tails > self.rtol * sizes).any():
+            largest = np.abs(inputs).max(axis=0)
             rounding = np.concatenate([np.abs(self._x), (np.abs(inputs) + largest / 16).ravel()])
-            noise = _NOISE * np.concatenate(
-                [largest[0], (np.abs(outputs_of) @ rounding).reshape(outputs.shape).max(axis=0)]
-            )
-            if np.any(tails > self.rtol * sizes + noise):
+            lost = (np.abs(outputs_of) @ rounding).reshape(outputs.shape).max(axis=0)
+            if np.any(tails > self.rtol * sizes + _NOISE * np.concatenate([largest, lost])):
                 return None
         self.count += 1
         self._sizes = sizes
@@ -398,29 +411,31 @@ class Propagation:
             self._differentiate_jumps(inputs, length)
         self._before, self._length = inputs, length
         self._x = state_of @ known
-        self.time = high
-        segment = Segment(low, high, outputs, inputs)
-        self._past.append(segment)
-        self._forget(high)
+        self._now = high
+        self._past.append(_Past(low, high, outputs))
+        while self._past[0].stop <= high - self._longest and len(self._past) > 1:
+            self._past.popleft()
+            self._cursors = [max(cursor - 1, 0) for cursor in self._cursors]
         shown = self.system.outputs
-        return Segment(low, high, outputs[:, :shown], inputs[:, : self.system.inputs])
+        return Segment(start, high / self._unit, outputs[:, :shown], inputs[:, : self.system.inputs])
 
     def _driving(self, column: int, start: float, length: float, piece: float) -> Array:
         """Return the coefficients of an input u on a segment."""
-        signal = self.signals[column]
-        if signal is None:
-            return np.asarray(self._held[column] * np.eye(1, self.degree + 1)[0])
+        signal, readout = self.signals[column], self._readouts[column]
+        if signal is None or readout is None:
+            return np.asarray(self._held[column] * self._constant)
+        if len(readout) == 1:  # piecewise constant
+            value = signal.states(np.array([start]), np.array([piece]))[0, 0] * readout[0]
+            return np.asarray(value * self._constant)
         times = start + self._nodes * length
         if isinstance(signal, Random):  # without breakpoints, and cheaper than its derivatives
             return np.asarray(self._inverse @ signal.value(times))
-        states = signal.states(times, np.full(len(times), piece))
-        return np.asarray(self._inverse @ (states @ signal.generator()[1]))
+        return np.asarray(self._inverse @ (signal.states(times, np.full(len(times), piece)) @ readout))
 
-    def _delayed(self, index: int, low: Fraction, high: Fraction, length: float) -> Array:
+    def _delayed(self, index: int, low: int, high: int) -> Array:
         """Return the coefficients of v_i on a segment, from those of z_i a delay before."""
-        row, delay = self.system.outputs + index, self.system.delays[index]
-        low, high = low - delay, high - delay
-        past, k = self._past, self._cursors[index]
+        row, past, k = self.system.outputs + index, self._past, self._cursors[index]
+        low, high = low - self._delays[index], high - self._delays[index]
         while past[k].stop <= low:
             k += 1
         self._cursors[index] = k
@@ -428,23 +443,16 @@ class Propagation:
             return past[k].outputs[:, row]
         values, first = np.empty(self.degree + 1), 0
         while True:
-            segment = past[k]
-            left = float(segment.stop - low)
-            last = len(values) if segment.stop >= high else int(np.searchsorted(self._nodes * length, left))
-            offset, width = float(low - segment.start), float(segment.stop - segment.start)
-            theta = np.clip(2 * (offset + self._nodes[first:last] * length) / width - 1, -1.0, 1.0)
-            powers = np.cos(np.outer(np.arccos(theta), np.arange(self.degree + 1)))
-            values[first:last] = powers @ segment.outputs[:, row]
-            if segment.stop >= high:
+            start, stop, outputs = past[k]
+            last = len(values)
+            if stop < high:
+                last = int(np.searchsorted(self._nodes, (stop - low) / (high - low)))
+            width = stop - start
+            fraction = (low - start) / width + self._nodes[first:last] * ((high - low) / width)
+            values[first:last] = _evaluate(outputs[:, row], fraction)
+            if stop >= high:
                 return np.asarray(self._inverse @ values)
             first, k = last, k + 1
-
-    def _forget(self, now: Fraction) -> None:
-        """Drop segments that no delay reaches back to."""
-        oldest = now - max(self.system.delays, default=Fraction(0))
-        while len(self._past) > 1 and self._past[0].stop <= oldest:
-            self._past.popleft()
-            self._cursors = [max(cursor - 1, 0) for cursor in self._cursors]
 
     def _operator(self, length: float) -> tuple[Array, Array]:
         """Return the matrices from state and coefficients of inputs to those of outputs, and to the state."""
@@ -483,11 +491,20 @@ class Propagation:
         return coefficients.reshape(-1, coefficients.shape[-1]), states[-1]
 
 
-def _rest(system: DelaySystem, degree: int) -> Segment:
-    """Return the time before t = 0, at rest, as far back as delays reach."""
-    start = -2 * max(system.delays, default=Fraction(1))
-    shape = (degree + 1, len(system.lft.C))
-    return Segment(start, Fraction(0), np.zeros(shape), np.zeros((degree + 1, system.lft.B.shape[1])))
+def _evaluate(coefficients: Array, fraction: Array) -> Array:
+    """Return polynomials at fractions of their segment."""
+    angle = np.arccos(np.clip(2 * fraction - 1, -1.0, 1.0))
+    return np.asarray(np.cos(np.outer(angle, np.arange(len(coefficients)))) @ coefficients)
+
+
+def _common_denominator(times: Sequence[Fraction]) -> int:
+    """Return the ticks of a second: times are whole numbers of them, also halved, while it stays small."""
+    denominator = 1
+    for time in times:
+        extended = math.lcm(denominator, time.denominator)
+        if extended.bit_length() <= _MAX_DENOMINATOR_BITS:
+            denominator = extended
+    return denominator << _MAX_HALVINGS
 
 
 def _exact(time: float, duration: Fraction | None = None) -> Fraction:
