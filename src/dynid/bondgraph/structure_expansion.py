@@ -64,6 +64,7 @@ def expand_structure(
         If there is no such DOF, the structure is too large, a matrix has a negative eigenvalue, or modal
         damping depends on unknown parameters.
     """
+    model.needs_causal("bond graph")
     if model.size > STRUCTURES_IN_GRAPHS.value:
         raise UsageError(
             f"the structure '{expansion.name}' has {model.size} DOFs, more than the "
@@ -154,6 +155,7 @@ def expand_modes(
     parameters.
     """
     model = reduction.model
+    model.needs_causal("bond graph")
     rows = np.array([model.row(dof) for dof in ports.values()])
     if model.terms or model.joint_terms:
         coordinates, shapes = _displacements(model, rows)

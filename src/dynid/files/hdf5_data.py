@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError, FileError
-from dynid.files.matrix_data import COMPLEX, Container, compressed, real_matrix
+from dynid.files.matrix_data import COMPLEX, Container, compressed, numeric_matrix
 from dynid.files.table import TIME, ColumnRequest, DataFile, DataTable, are_numbers
 from dynid.files.untrusted import check_claim, read_errors
 from dynid.hdf5 import Refused, check_stored, inside, open_hdf5
@@ -112,9 +112,9 @@ def _load_hdf5(path: Path, name: str) -> Matrix:
             raise FileError(f"{path} has no matrix '{name}'")
         check_claim(path, item.shape or (1,))
         check_stored(item)
-        if what := _contents(item):
+        if (what := _contents(item)) and what != COMPLEX:
             raise FileError(f"{path}: '{name}' holds {what}; a structural matrix is real")
-        values = real_matrix(path, name, item[()])
+        values = numeric_matrix(path, name, _as_numbers(item[()]))
         return np.asarray(values).T if "MATLAB_class" in item.attrs else values
 
 
@@ -149,7 +149,15 @@ def _hdf5_sparse(path: Path, group: Any) -> Matrix:
         check_claim(path, getattr(inside(group, name), "shape", None) or (1,))
     parts = tuple(_member(group, name) for name in names)
     indices, pointers = (np.asarray(array).astype(np.int64) for array in parts[1:])
-    return compressed(path, shape, (parts[0], indices, pointers), layout.replace("matlab", "csc"))
+    return compressed(
+        path, shape, (_as_numbers(parts[0]), indices, pointers), layout.replace("matlab", "csc")
+    )
+
+
+def _as_numbers(values: Any) -> Any:
+    """Return numbers; pairs of real and imaginary parts, as MATLAB stores them, as complex ones."""
+    parts = values.dtype.names
+    return values if parts is None else values[parts[0]] + 1j * values[parts[1]]
 
 
 def _member(group: Any, name: str) -> Any:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynid import trial
 from dynid.arrays import Array
 from dynid.errors import FileError
-from dynid.files.matrix_data import USE_REAL_PART, Container, compressed, real_matrix
+from dynid.files.matrix_data import Container, compressed, numeric_matrix, real_matrix
 from dynid.files.table import ColumnRequest, DataFile, DataTable, are_numbers
 from dynid.files.untrusted import MOST_NUMBERS, DiedError, archived, check_claim, check_size, read_errors
 from dynid.structure.matrices import Matrix, is_sparse
@@ -83,12 +83,9 @@ def _load(path: Path, name: str) -> Matrix:
     variable = _variables(path)[name]
     check_claim(path, variable.shape, 0 if variable.kind == "sparse" else None)
     values = _values(path, variable.arrays)
-    if any(array.dtype.kind == "c" for array in values):
-        problem = f"{path}: '{name}' holds complex numbers; a structural matrix is real"
-        raise FileError(problem, remedy=USE_REAL_PART)
     if variable.kind == "sparse":
         return compressed(path, variable.shape, (values[0], values[1], values[2]), "csc")
-    return real_matrix(path, name, values[0])
+    return numeric_matrix(path, name, values[0])
 
 
 MATRICES = Container(_members, _load)

@@ -20,7 +20,7 @@ COMPLEX = "complex numbers"
 """Descriptions of entries that are no real matrix."""
 
 USE_REAL_PART = "Save its real part; its imaginary part describes damping, in a matrix of its own."
-"""The remedy for a complex matrix."""
+"""The remedy for a complex matrix other than a stiffness, whose imaginary part is structural damping."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,27 +50,43 @@ class Container(NamedTuple):
         """Return what stands in a file that is no real matrix, by name."""
         return {name: what for name, what in self.members(path).items() if isinstance(what, str)}
 
-    def matrix(self, path: Path, name: str) -> ImportedMatrix:
-        """Return one matrix of a file, by its name."""
+    def matrix(self, path: Path, name: str, *, loss: bool = False) -> ImportedMatrix:
+        """Return one matrix of a file, by its name; with `loss` it may be complex."""
         matrix = self.load(path, name)
-        return matrix if isinstance(matrix, ImportedMatrix) else ImportedMatrix(matrix)
+        imported = matrix if isinstance(matrix, ImportedMatrix) else ImportedMatrix(matrix)
+        if not loss:
+            check_real_numbers(path, name, imported.matrix)
+        return imported
+
+
+def check_real_numbers(path: Path, name: str, matrix: Matrix) -> None:
+    """Refuse a complex matrix."""
+    if np.iscomplexobj(matrix):
+        where = f"{path}{f': {name!r}' if name else ''}"
+        raise FileError(f"{where} holds {COMPLEX}; a structural matrix is real", remedy=USE_REAL_PART)
 
 
 def real_matrix(path: Path, name: str, values: Any) -> Matrix:
     """Return a matrix of real numbers in double precision from the object that a library has read."""
+    matrix = numeric_matrix(path, name, values)
+    check_real_numbers(path, name, matrix)
+    return matrix
+
+
+def numeric_matrix(path: Path, name: str, values: Any) -> Matrix:
+    """Return a matrix of real or complex numbers in double precision from what a library has read."""
     where = f"{path}{f': {name!r}' if name else ''}"
     dtype = getattr(values, "dtype", None)
-    if dtype is None or dtype.kind not in "iufb":
-        kind = COMPLEX if dtype is not None and dtype.kind == "c" else "no plain numbers"
-        remedy = USE_REAL_PART if kind == COMPLEX else ""
-        raise FileError(f"{where} holds {kind}; a structural matrix is real", remedy=remedy)
+    if dtype is None or dtype.kind not in "iufbc":
+        raise FileError(f"{where} holds no plain numbers; a structural matrix is real")
     if values.ndim != 2:
         raise FileError(f"{where} has {values.ndim} dimensions; a matrix has two")
+    double: Any = np.complex128 if dtype.kind == "c" else np.float64
     if is_sparse(values):
         from scipy.sparse import csc_array  # loaded already: the matrix is sparse
 
-        return csc_array(values, dtype=np.float64)
-    return np.asarray(values, dtype=np.float64)
+        return csc_array(values, dtype=double)
+    return np.asarray(values, dtype=double)
 
 
 def compressed(path: Path, shape: Any, parts: tuple[Any, Any, Any], layout: str) -> Matrix:
@@ -85,7 +101,7 @@ def compressed(path: Path, shape: Any, parts: tuple[Any, Any, Any], layout: str)
         raise FileError(f"{path} holds a sparse matrix of layout {layout!r}; {', '.join(_LAYOUTS)} are read")
     data, *places = (np.asarray(array).ravel() for array in parts)
     check_claim(path, (rows, columns), len(data))
-    numbers = real_matrix(path, "data", data[None, :])
+    numbers = numeric_matrix(path, "data", data[None, :])
     assert isinstance(numbers, np.ndarray)
     with read_errors(path, "a sparse matrix"):
         if layout == "coo":

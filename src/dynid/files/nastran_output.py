@@ -14,7 +14,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import FileError
-from dynid.files.matrix_data import Container, real_matrix
+from dynid.files.matrix_data import Container, numeric_matrix
 from dynid.files.untrusted import check_claim, read_errors
 from dynid.structure.dof_order import DofOrder, NodeFile
 from dynid.structure.labels import DIRECTIONS, Label, Node, Nodes
@@ -37,7 +37,7 @@ def _load_op2(path: Path, name: str) -> Matrix:
         size, number = _listed(stored)[name]
         check_claim(path, size)
         bare = name.partition("@")[0]
-        return real_matrix(path, name, stored.rdop2mats([bare], which=number)[bare])
+        return numeric_matrix(path, name, stored.rdop2mats([bare], which=number)[bare])
 
 
 def _listed(stored: Any) -> dict[str, tuple[tuple[int, ...], int]]:
@@ -179,7 +179,7 @@ def _load_op4(path: Path, name: str) -> Matrix:
             .OP4()
             .load(str(path), [name], into="dct", justmatrix=True, sparse=True)[name]
         )
-        return real_matrix(path, name, stored)
+        return numeric_matrix(path, name, stored)
 
 
 OUTPUT2 = Container(_op2_shapes, _load_op2)

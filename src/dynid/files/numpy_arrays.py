@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynid.errors import FileError
-from dynid.files.matrix_data import Container, compressed, real_matrix
+from dynid.files.matrix_data import Container, compressed, numeric_matrix
 from dynid.files.untrusted import MOST_NUMBERS, check_claim, read_errors
 from dynid.structure.matrices import Matrix
 
@@ -49,7 +49,7 @@ def _load_numpy(path: Path, name: str) -> Matrix:
         if not zipfile.is_zipfile(path):
             with path.open("rb") as stream:
                 _check_numpy(path, stream, path.stat().st_size)
-            return real_matrix(path, "", np.load(path, allow_pickle=False))
+            return numeric_matrix(path, "", np.load(path, allow_pickle=False))
         with zipfile.ZipFile(path) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             sparse = name == ONLY and set(members) >= _SPARSE
@@ -58,7 +58,7 @@ def _load_numpy(path: Path, name: str) -> Matrix:
                     _check_numpy(path, stream, members[member].file_size)
         with np.load(path, allow_pickle=False) as stored:
             if not sparse:
-                return real_matrix(path, name, stored[name])
+                return numeric_matrix(path, name, stored[name])
             layout = stored["format"].item()
             layout = layout.decode() if isinstance(layout, bytes) else str(layout)
             names = _PARTS.get(layout, ("data", "indices", "indptr"))

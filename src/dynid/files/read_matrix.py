@@ -11,7 +11,13 @@ import numpy as np
 from dynid.errors import FileError
 from dynid.file_access import check_readable, dataset_of
 from dynid.files.formats import format_of, reader_of
-from dynid.files.matrix_data import COMPLEX, USE_REAL_PART, Container, ImportedMatrix
+from dynid.files.matrix_data import (
+    COMPLEX,
+    USE_REAL_PART,
+    Container,
+    ImportedMatrix,
+    check_real_numbers,
+)
 from dynid.files.untrusted import check_size
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix, is_sparse
@@ -21,6 +27,7 @@ USUAL = {
     "mass": ("M", "mass", "MAA", "MGG", "MXX", "MAAX", "MASS1"),
     "stiffness": ("K", "stiffness", "KAA", "KGG", "KXX", "KAAX", "STIF1"),
     "damping": ("C", "damping", "BAA", "BGG", "BXX", "BAAX", "DAMP1", "D"),
+    "structural": ("structural", "K4AA", "K4GG", "K4XX", "K4", "H"),
     "A": ("A",),
     "B": ("B",),
     "C": ("C",),
@@ -46,24 +53,31 @@ def matrix_file(folder: Path, path: str, name: str | None = None) -> MatrixFile:
     return MatrixFile(folder / bare, inside) if name is None else MatrixFile(folder / path, name)
 
 
-def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
+def read_matrix(file: MatrixFile, role: str, *, loss: bool = False) -> ImportedMatrix:
     """Read the matrix of a file that plays a role, one of `USUAL`: it decides in a file of several.
 
     The file is Matrix Market or Abaqus triplets (`.mtx`, distinguished by banner or size line), CalculiX
     (`.sti`, `.mas`), Harwell-Boeing (`.rsa`, `.matrix`, …), a script of triplets (`.m`), full rows or Matrix
     Market (`.txt`, `.out`, `.mmf`), MATLAB (`.mat`), NumPy (`.npz`, `.npy`), HDF5 (`.h5`, `.hdf5`) or Nastran
-    OUTPUT4, OUTPUT2 or DMIG (`.op4`, `.op2`, `.pch`).
+    OUTPUT4, OUTPUT2 or DMIG (`.op4`, `.op2`, `.pch`). With `loss` it may be complex, as a stiffness with
+    structural damping.
     """
     form = format_of(file.path, "matrix", "matrices")
     if form.matrix is not None:
         imported = form.matrix(file.path)
+        if not loss:
+            check_real_numbers(file.path, "", imported.matrix)
     else:
         container = container_of(file.path)
-        name = _choose(file.path, file.name, role, container.shapes(file.path))
-        imported = container.matrix(file.path, name)
+        shapes: dict[str, tuple[int, ...]] = container.shapes(file.path)
+        if loss:
+            others = container.others(file.path)
+            shapes |= {name: () for name, what in others.items() if what == COMPLEX}
+        name = _choose(file.path, file.name, role, shapes)
+        imported = container.matrix(file.path, name, loss=loss)
     entries = imported.matrix.data if is_sparse(imported.matrix) else imported.matrix
     if not np.any(entries):
-        without = " Leave 'damping' out where there is none." if role == "damping" else ""
+        without = f" Leave '{role}' out where there is none." if role in ("damping", "structural") else ""
         raise FileError(
             f"{file.path}: the {role} has no entry but 0",
             remedy=f"Export it again, and compare the size of the file with the model.{without}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -31,7 +32,6 @@ from dynid.structure.dof_order import NodeFile, assigned
 from dynid.structure.joints import Joint
 from dynid.structure.labels import Label
 from dynid.structure.matrices import (
-    NAMES,
     DependentMatrix,
     Matrix,
     as_array,
@@ -59,16 +59,18 @@ def imported(
     joints: Iterable[Joint] = (),
     parameters: Iterable[Parameter] = (),
     nodes: Path | None = None,
+    structural: Sequence[MatrixPart] = (),
 ) -> StructuralModel:
     """Return the structure of matrices in files, each the sum of parts; damping may be made from the others.
 
     Formats without a size (triplets) take that of the largest matrix, those with labels are brought into one
     order: DOFs that a matrix does not name have none of it. Labels are by default those of the files, else 1
     … n; a file of nodes also gives labels ``NODE:DIR`` where no others are known. Factors and damping may
-    depend on the parameters. The `names` of a `FileError` start with the matrix concerned (``mass``,
+    depend on the parameters. The imaginary part of a complex stiffness is structural damping, unless
+    `structural` has its parts. The `names` of a `FileError` start with the matrix concerned (``mass``,
     ``stiffness``, …); `UsageError` if the matrices are not those of a structure.
     """
-    roles = {"mass": mass, "damping": damping, "stiffness": stiffness}
+    roles = {"mass": mass, "damping": damping, "stiffness": stiffness, "structural": structural}
     files: dict[Key, MatrixPart] = {}
     for role, source in roles.items():
         terms = [MatrixPart(source)] if isinstance(source, MatrixFile) else source
@@ -76,11 +78,22 @@ def imported(
             (role, index): term for index, term in enumerate(terms if isinstance(terms, Sequence) else ())
         }
     parts = {}
-    for key in sorted(files, key=lambda key: ["mass", "stiffness", "damping"].index(key[0])):
+    for key in sorted(files, key=lambda key: [*_LETTERS].index(key[0])):
         try:
-            parts[key] = read_matrix(files[key].file, key[0])
+            part = read_matrix(files[key].file, key[0], loss=key[0] == "stiffness")
         except FileError as error:
             raise FileError(error.problem, remedy=error.remedy, names=(key[0], *error.names)) from None
+        if np.iscomplexobj(part.matrix):
+            if structural:
+                raise FileError(
+                    f"{files[key].file.path}: the stiffness is complex: it has structural damping already",
+                    remedy="Leave 'structural' out, or name the real part of the stiffness.",
+                    names=("structural",),
+                )
+            parts["structural", key[1]] = replace(part, matrix=part.matrix.imag)
+            files["structural", key[1]] = files[key]
+            part = replace(part, matrix=part.matrix.real)
+        parts[key] = part
     labels_of_files, matrices = _aligned(parts)
     n = matrices["stiffness", 0].shape[0]
     names = tuple(labels) or labels_of_files
@@ -88,15 +101,16 @@ def imported(
         raise UsageError(f"{counted(len(names), 'DOF label')} for {counted(n, 'DOF')}", names=("labels",))
     dense = n <= DENSE_STRUCTURES.value or all(isinstance(matrix, np.ndarray) for matrix in matrices.values())
     size = matrices["mass", 0].shape[0]
-    M, K, C = (
+    M, K, C, H = (
         _sum(
             role,
             [(files[key].factor, summand) for key, summand in matrices.items() if key[0] == role],
             size,
             dense,
         )
-        for role in ("mass", "stiffness", "damping")
+        for role in _LETTERS
     )
+    lossy = any(key[0] == "structural" for key in parts)
     known_nodes = None
     if nodes is not None:
         try:
@@ -105,12 +119,15 @@ def imported(
             raise FileError(error.problem, remedy=error.remedy, names=("nodes", *error.names)) from None
         names, known_nodes = assigned(M.reference, K.reference, names, file)
     law = damping if isinstance(damping, ProportionalDamping | ModalDamping) else None
-    return damped_structure(M, C, K, law, joints, names, parameters, known_nodes)
+    return damped_structure(M, C, K, law, joints, names, parameters, known_nodes, H=H if lossy else None)
+
+
+_LETTERS = {"mass": "M", "stiffness": "K", "damping": "C", "structural": "H"}
 
 
 def _sum(role: str, parts: Sequence[tuple[Real, Matrix]], n: int, dense: bool) -> DependentMatrix:
     """Return the sum of the parts of a matrix."""
-    letter = {name: letter for letter, name in NAMES.items()}[role]
+    letter = _LETTERS[role]
     total = None
     for factor, matrix in parts:
         sized = as_matrix(letter, as_array(matrix) if dense else matrix, n, sparse=not dense)
@@ -140,7 +157,7 @@ Key: TypeAlias = tuple[str, int]
 
 def _aligned(parts: Mapping[Key, ImportedMatrix]) -> tuple[tuple[Label, ...], dict[Key, Matrix]]:
     """Bring matrices into one order and size; return the labels, if the files have any."""
-    roles = sorted(parts, key=lambda key: ["stiffness", "mass", "damping"].index(key[0]))
+    roles = sorted(parts, key=lambda key: ["stiffness", "mass", "damping", "structural"].index(key[0]))
     order = list(dict.fromkeys(label for key in roles for label in parts[key].labels))
     places = {label: index for index, label in enumerate(order)}
     n = max([len(order), *(matrix_read.matrix.shape[0] for matrix_read in parts.values())])
@@ -187,6 +204,7 @@ class _ModelFiles(NamedTuple):
     stiffness: MatrixFile
     damping: MatrixFile | None
     nodes: Path | None
+    structural: tuple[MatrixFile, ...] = ()
 
 
 def model_files(path: Path) -> _ModelFiles:
@@ -213,20 +231,18 @@ def model_files(path: Path) -> _ModelFiles:
             remedy=f"Those end in .inp, {', '.join(endings)}; else name mass, stiffness and nodes.",
         )
     shapes = container_of(path).shapes(path)
-    stiffnesses = named_as(shapes, "stiffness")
+    sizes = [shapes[name] for role in ("stiffness", "mass") for name in named_as(shapes, role)]
     check_real(path, "damping", named_as(shapes, "damping"), required=False)
-    damping = next(
-        (
-            name
-            for name in named_as(shapes, "damping")
-            if stiffnesses and shapes[name] == shapes[stiffnesses[0]]
-        ),
-        "",
-    )
+
+    def sized(role: str) -> list[MatrixFile]:
+        """Return the likeliest matrix of a role that has the size of the model, if there is one."""
+        names = (name for name in named_as(shapes, role) if sizes and shapes[name] == sizes[0])
+        return [MatrixFile(path, name) for name in names if name.rpartition("/")[2] != "H"][:1]
+
     matrices = MatrixFile(path)
-    return _ModelFiles(
-        matrices, matrices, MatrixFile(path, damping) if damping else None, _nodes_beside(path, [*shapes])
-    )
+    nodes = _nodes_beside(path, [*shapes])
+    damping, structural = next(iter(sized("damping")), None), tuple(sized("structural"))
+    return _ModelFiles(matrices, matrices, damping, nodes, structural)
 
 
 def _nodes_beside(path: Path, names: list[str]) -> Path | None:

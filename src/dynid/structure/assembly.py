@@ -51,6 +51,7 @@ class Spring:
     direction: str
     k: Real = 0.0
     c: Real = 0.0
+    eta: Real = 0.0  # loss factor of k
 
 
 def node_label(direction: str, node: int) -> str:
@@ -81,12 +82,21 @@ class Assembly:
         self.dofs = tuple(dofs)
         self._sparse = len(self.dofs) > DENSE_STRUCTURES.value if sparse is None else sparse
         self._places = {label: index for index, label in enumerate(self.dofs)}
-        self._blocks: dict[str, list[tuple[NDArray[np.intp], DependentMatrix]]] = {"M": [], "C": [], "K": []}
+        self._blocks: dict[str, list[tuple[NDArray[np.intp], DependentMatrix]]] = {
+            letter: [] for letter in "MCKH"
+        }
 
     def add(self, letter: str, dofs: Sequence[Label], block: DependentMatrix) -> None:
-        """Add a block (d x d) over d DOFs to ``M``, ``C`` or ``K``."""
+        """Add a block (d x d) over d DOFs to ``M``, ``C``, ``K`` or ``H``."""
         places = np.array([self._places.get(label, -1) for label in dofs])
         self._blocks[letter].append((places, block))
+
+    def add_stiffness(self, dofs: Sequence[Label], block: DependentMatrix, eta: Real) -> None:
+        """Add a stiffness (d x d) over d DOFs and its structural damping, of the loss factor `eta`."""
+        not_negative("a loss factor eta", eta)
+        self.add("K", dofs, block)
+        if eta:
+            self.add("H", dofs, block.times(eta))
 
     def attach(
         self, masses: Iterable[PointMass], springs: Iterable[Spring], translations: Sequence[str]
@@ -99,6 +109,7 @@ class Assembly:
         for spring in springs:
             self._point("K", spring.direction, spring.node, spring.k)
             self._point("C", spring.direction, spring.node, spring.c)
+            self._point("H", spring.direction, spring.node, spring.k * spring.eta)
 
     def _point(self, letter: str, direction: str, node: int, value: Real) -> None:
         if letter == "M" or not isinstance(value, Dependent):
@@ -149,8 +160,9 @@ class Assembly:
     ) -> StructuralModel:
         """Return the structure, its damping that of `damping` and of what was added."""
         M, C, K = self.sum("M"), self.sum("C"), self.sum("K")
+        H = self.sum("H") if self._blocks["H"] else None
         return damped_structure(
-            M, C, K, damping, joints, self.dofs, parameters, nodes, translations=translations
+            M, C, K, damping, joints, self.dofs, parameters, nodes, translations=translations, H=H
         )
 
 
@@ -165,29 +177,44 @@ def damped_structure(
     nodes: Nodes | None = None,
     *,
     translations: bool = False,
+    H: DependentMatrix | None = None,
 ) -> StructuralModel:
-    """Return the structure of matrices that may depend on parameters, its damping C and that of `damping`."""
+    """Return the structure of matrices that may depend on parameters, with C, H and those of `damping`."""
     modal: tuple[ModalPart, ...] = ()
+    viscous_at = None
     if damping is not None:
         of_modes, modal = damping.of(M, K)
         C = C + of_modes
-    M, C, K = M.merged(), C.merged(), K.merged()
+    if isinstance(damping, ProportionalDamping):
+        viscous_at = damping.viscous_at
+        if damping.eta:
+            H = K.times(damping.eta) if H is None else H + K.times(damping.eta)
+    elif damping is not None and H is not None:
+        raise UsageError(
+            "damping ratios of modes stand beside loss factors eta: one damping of each stiffness is needed",
+            remedy="Leave one of them out.",
+            names=("damping",),
+        )
+    if H is not None and viscous_at is not None:
+        C, H = C + H.times(1 / viscous_at), None
+    matrices = {
+        letter: matrix.merged() for letter, matrix in zip("MCKH", (M, C, K, H), strict=True) if matrix
+    }
     terms = tuple(
         Term(letter, coefficient, pattern)
-        for letter, matrix in zip("MCK", (M, C, K), strict=True)
+        for letter, matrix in matrices.items()
         for coefficient, pattern in matrix.terms
     )
     return StructuralModel(
-        M.reference,
-        C.reference,
-        K.reference,
-        tuple(joints),
-        tuple(dofs),
+        **{letter: matrix.reference for letter, matrix in matrices.items()},
+        joints=tuple(joints),
+        dofs=tuple(dofs),
         parameters=tuple(parameters),
         terms=terms,
         modal=modal,
         nodes=nodes,
         translations=translations,
+        viscous_at=viscous_at,
     )
 
 
@@ -261,11 +288,20 @@ def assembled_parts(
         dense[start : start + matrix.shape[0], start : start + matrix.shape[0]] = as_array(matrix)
         return dense
 
+    frequencies = {model.viscous_at for model in parts.values()} - {None}
+    if len(frequencies) > 1:
+        raise UsageError(
+            "the parts of the assembly have dampers equivalent at different frequencies",
+            remedy="Write one frequency in all of them: it is that of the joints, too.",
+            names=("structures",),
+        )
     matrices: dict[str, Any] = {}
     terms: list[Term] = []
     modal: list[ModalPart] = []
     for model, start in zip(parts.values(), starts.tolist(), strict=True):
-        for letter in "MCK":
+        for letter in "MCKH":
+            if getattr(model, letter) is None:
+                continue
             block: Any = placed(getattr(model, letter), start)
             matrices[letter] = matrices[letter] + block if letter in matrices else block
         terms += [term._replace(matrix=placed(term.matrix, start)) for term in model.terms]
@@ -283,6 +319,7 @@ def assembled_parts(
             for motion, weights in model.motions.items()
         },
         translations=all("unknown" not in model.kinds for model in parts.values()),
+        viscous_at=next(iter(frequencies), None),
     )
 
 

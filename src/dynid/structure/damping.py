@@ -36,13 +36,19 @@ _ENERGY_TOL = 1e-7
 
 @dataclass(frozen=True)
 class ProportionalDamping:
-    """``C = alpha M + beta K`` (Rayleigh); alpha in 1/s, beta in s."""
+    """``C = alpha M + beta K`` (Rayleigh), alpha in 1/s, beta in s; structural damping ``H = eta K``.
+
+    `viscous_at`: the frequency, rad/s, at which dampers ``H / omega`` stand for structural damping, that of
+    elements and joints too; default: none do.
+    """
 
     alpha: Real = 0.0
     beta: Real = 0.0
+    eta: Real = 0.0
+    viscous_at: float | None = None
 
     def __post_init__(self) -> None:
-        for name, value in (("alpha", self.alpha), ("beta", self.beta)):
+        for name, value in (("alpha", self.alpha), ("beta", self.beta), ("eta", self.eta)):
             if not (math.isfinite(float(value)) and float(value) >= 0):
                 raise UsageError(f"{name} of the damping must be finite and not negative")
 

@@ -48,6 +48,7 @@ def beam(
     damping: ProportionalDamping | ModalDamping | None = None,
     joints: Iterable[Joint] = (),
     parameters: Iterable[Parameter] = (),
+    eta: Real | Sequence[Real] = 0.0,
 ) -> StructuralModel:
     """Return a beam along x with consistent mass; its free DOFs node by node, w before theta.
 
@@ -67,6 +68,8 @@ def beam(
         The joints, between DOFs such as ``w_4`` or ``theta_1``.
     parameters
         Unknown parameters, on which all numbers may depend.
+    eta
+        Loss factor of the bending stiffness: one for all, or of each element.
 
     Raises
     ------
@@ -79,16 +82,17 @@ def beam(
     lengths = per_element("length", element_length, elements)
     stiffness = per_element("EI", EI, elements)
     density = per_element("rhoA", rhoA, elements, zero=True)
+    loss = per_element("eta", eta, elements, zero=True)
     held, points, grounded = list(supports), list(masses), list(springs)
     for what, items in (("support", held), ("mass", points), ("spring", grounded)):
         check_nodes(what, items, elements + 1, BEAM_DIRECTIONS)
     fixed = [(direction, item.node) for item in held for direction in item.fix]
     assembly = Assembly(free_labels(elements + 1, BEAM_DIRECTIONS, fixed))
     element = cache(bending)  # many are alike
-    for first, (L, ei, ra) in enumerate(zip(lengths, stiffness, density, strict=True), 1):
+    for first, (L, ei, ra, lost) in enumerate(zip(lengths, stiffness, density, loss, strict=True), 1):
         ends = [node_label(direction, node) for node in (first, first + 1) for direction in BEAM_DIRECTIONS]
         k, m = element(ei, ra, L)
-        assembly.add("K", ends, k)
+        assembly.add_stiffness(ends, k, lost)
         assembly.add("M", ends, m)
     assembly.attach(points, grounded, ("w",))
     along = np.concatenate([[0.0], np.cumsum([float(L) for L in lengths])])
@@ -113,6 +117,7 @@ class Member:
     # Elements along it; their inner nodes are numbered after the given ones, member by member.
     elements: int = 1
     hinges: tuple[int, ...] = ()  # the ends, 1 or 2, that carry no moment
+    eta: Real = 0.0  # loss factor of its stiffness
 
 
 @guarded("the matrices of the frame", UsageError)
@@ -142,7 +147,7 @@ def frame(
         released = tuple(("rz",) if end in member.hinges else () for end in (1, 2))
         in_space = SpaceMember(
             member.nodes, member.EA, member.EI, member.EI, member.EI, member.rhoA, 0.0,
-            releases=(released[0], released[1]), elements=member.elements,
+            releases=(released[0], released[1]), elements=member.elements, eta=member.eta,
         )  # fmt: skip
         elements += divided(in_space, points, ("x", "y", "rz"))
     held, lumps, grounded = list(supports), list(masses), list(springs)
@@ -153,7 +158,7 @@ def frame(
     assembly = Assembly(free_labels(len(points), FRAME_DIRECTIONS, fixed))
     for element in elements:
         ends = [node_label(direction, node) for node in element.nodes for direction in FRAME_DIRECTIONS]
-        assembly.add("K", ends, element.k)
+        assembly.add_stiffness(ends, element.k, element.eta)
         assembly.add("M", ends, element.m)
     assembly.attach(lumps, grounded, ("u", "w"))
     places = np.array(points, dtype=float)

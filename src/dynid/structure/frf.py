@@ -83,7 +83,8 @@ def frequency_response_functions(
 ) -> _FrequencyResponse:
     """Compute frequency response functions.
 
-    `M`, `C`, `K`: mass, damping and stiffness (n x n), dense or sparse; `ports`: directions of forces and
+    `M`, `C`, `K`: mass, damping and stiffness (n x n), dense or sparse; a complex stiffness is that with
+    structural damping, K + i H, at positive frequencies; `ports`: directions of forces and
     rows of outputs; `omega`: angular frequencies, rad/s; `method`: ``direct``; ``modal``; or ``auto``: modal
     where matrices are large and sparse and frequencies many; `accuracy`: relative error that is asked for of
     modal responses; `backend`: factorisation backend of modes and residual vectors.
@@ -108,7 +109,7 @@ def frequency_response_functions(
             return response
         near = _NOWHERE
         with suppress(DynidError):  # then the natural frequencies are not known
-            near = modes(M, C, K, backend="dense").omega
+            near = modes(M, C, _elastic(K), backend="dense").omega
         return response._replace(evaluate=partial(direct, M, C, K, ports), near=near)
     return _by_modes(M, C, K, ports, w, accuracy, backend)
 
@@ -165,11 +166,14 @@ def _by_modes(
 
     from dynid.structure.factorisation import factorise
 
-    pencil = scaled(csc_array(K), csc_array(M))
+    elastic = _elastic(K)
+    pencil = scaled(csc_array(elastic), csc_array(M))
     basis = np.zeros((pencil.size, 0))
     near, limit = _NOWHERE, _BAND * float(omega.max(initial=0.0))
     if limit > 0:
-        structure_modes = modes(M, C, K, below=limit, backend="dense" if pencil.size <= _DENSE else backend)
+        structure_modes = modes(
+            M, C, elastic, below=limit, backend="dense" if pencil.size <= _DENSE else backend
+        )
         near, basis = (
             structure_modes.omega,
             _orthonormal(structure_modes.shapes / pencil.scale[:, None], basis),
@@ -203,6 +207,11 @@ def _by_modes(
         return _projected(M, C, K, ports, others, pencil, basis)
 
     return _FrequencyResponse(response, "modal", len(near), vectors, error, evaluate, near)
+
+
+def _elastic(K: Matrix) -> Matrix:
+    """Return a stiffness without its structural damping."""
+    return K.real if np.iscomplexobj(K) else K
 
 
 def _projected(

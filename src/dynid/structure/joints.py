@@ -1,4 +1,4 @@
-"""Joints: springs, dampers and masses, or measured blocks, between DOFs or to ground.
+"""Joints: springs, dampers and masses, loss factors, or measured blocks, between DOFs or to ground.
 
 Source: K. T. Yang 1997, eq 1 (the matrices C_s, K_s).
 """
@@ -27,7 +27,7 @@ _DEFINITENESS_TOL = 1e-9
 
 @dataclass(frozen=True)
 class JointParameter:
-    """Stiffness or damping of a joint: known (`value`), or unknown (`start`, and `true` for simulation)."""
+    """Stiffness, damping or loss factor of a joint: known (`value`), or unknown (`start`)."""
 
     # The known value, N/m or N·s/m (N·m/rad, N·m·s/rad for rotations), or one that depends on unknown
     # parameters of the structure, which joints may share.
@@ -92,14 +92,18 @@ class Joint:
     c: JointParameter | Real | Block | None = None
     # Mass, which may depend on parameters of the structure. A number is shared equally between the DOFs.
     m: JointParameter | Real | Block | None = None
+    # Loss factor of its stiffness: structural damping, an imaginary part ``eta k`` of the stiffness.
+    eta: JointParameter | Real | None = None
     # The direction of one component of a joint between points, such as ``x``: its parameters are called
     # ``<name>.k.x`` and ``<name>.c.x``.
     component: str = ""
+    # The frequency, rad/s, at which a damper eta k / omega stands for the loss factor; default: none does.
+    viscous_at: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dofs", tuple(self.dofs))
         try:
-            for letter in "kcm":
+            for letter in ("k", "c", "m", "eta"):
                 component = getattr(self, letter)
                 if isinstance(component, Sequence | np.ndarray):
                     component = JointParameter(matrix=component)
@@ -112,10 +116,12 @@ class Joint:
             raise UsageError(
                 f"joint {self.name}: {error.problem}", remedy=error.remedy, names=(self.name,)
             ) from None
+        if isinstance(self.eta, JointParameter) and (self.k is None or self.eta.matrix is not None):
+            raise self._refused("has a loss factor eta: a number that multiplies its stiffness k")
         blocks = {
             component.letter: component for component in self.terms if component.parameter.matrix is not None
         }
-        scalar = len(self.terms) > len(blocks) or not blocks
+        scalar = any(term.parameter.matrix is None and term.parameter is not self.eta for term in self.terms)
         if not self.dofs or len(set(self.dofs)) != len(self.dofs) or (scalar and len(self.dofs) > 2):
             raise self._refused("must name one DOF (to ground) or two different ones")
         for letter, component in blocks.items():
@@ -144,11 +150,16 @@ class Joint:
                 pattern = np.eye(count) / count if letter == "m" else np.outer(direction, direction)
                 block = DependentMatrix(pattern)
             terms.append(_JointTerm(f"{self.name}.{letter}{component}", letter, values, block))
+        if isinstance(self.eta, JointParameter):
+            block = terms[0].product  # of its stiffness
+            letter = "h" if self.viscous_at is None else "c"
+            block = block if self.viscous_at is None else block.times(1 / self.viscous_at)
+            terms.append(_JointTerm(f"{self.name}.eta{component}", letter, self.eta, block))
         return tuple(terms)
 
 
 class _JointTerm(NamedTuple):
-    """A joint's contribution: name, letter (k, c, m), parameter, and the block (d x d) it multiplies."""
+    """A joint's contribution: name, letter (k, c, m, h), parameter, and the block (d x d) it multiplies."""
 
     name: str
     letter: str

@@ -13,6 +13,7 @@ from dynid.arrays import guarded
 from dynid.errors import NumericalError, UsageError
 from dynid.parameters import Parameter
 from dynid.structure.assembly import Assembly
+from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.joints import Joint
 from dynid.structure.matrices import DependentMatrix
 from dynid.structure.model import StructuralModel
@@ -72,12 +73,13 @@ def _check_springs(masses: Sequence[float], springs: Sequence[tuple[tuple[int, .
 
 @dataclass(frozen=True)
 class Link:
-    """A known spring and damper in parallel."""
+    """A known spring and damper in parallel; the spring may have a loss factor."""
 
     dofs: tuple[int, ...]  # one DOF (to ground) or two
     # Stiffness, N/m, and damping, N·s/m.
     k: Real = 0.0
     c: Real = 0.0
+    eta: Real = 0.0  # loss factor of k
 
 
 @guarded("the sum of stiffness or damping at a DOF", UsageError)
@@ -87,6 +89,7 @@ def lumped(
     joints: Iterable[Joint] = (),
     *,
     parameters: Iterable[Parameter] = (),
+    damping: ProportionalDamping | ModalDamping | None = None,
 ) -> StructuralModel:
     """Return the structure of point masses joined by links.
 
@@ -100,6 +103,8 @@ def lumped(
         The joints, kept apart from the matrices.
     parameters
         Unknown parameters, on which masses and links may depend.
+    damping
+        Damping of the links' stiffness and of the masses, beside the dampers of links.
 
     Raises
     ------
@@ -134,6 +139,6 @@ def lumped(
         direction = np.array([1.0, -1.0])[: len(dofs)]
         pattern = DependentMatrix(np.outer(direction, direction))
         assembly.add("C", dofs, pattern.times(link.c))
-        assembly.add("K", dofs, pattern.times(link.k))
+        assembly.add_stiffness(dofs, pattern.times(link.k), link.eta)
     _check_springs([float(mass) for mass in masses], [(link.dofs, float(link.k)) for link in links])
-    return assembly.model(None, joints, parameters, translations=True)
+    return assembly.model(damping, joints, parameters, translations=True)

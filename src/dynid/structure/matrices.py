@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Matrix: TypeAlias = "Array | Sparse"
 
-NAMES = {"M": "mass", "C": "damping", "K": "stiffness"}
+NAMES = {"M": "mass", "C": "damping", "K": "stiffness", "H": "structural damping"}
 """Names of the matrices in sentences."""
 
 # Two triangles that differ by less, relative to the largest entries of row and column, are one matrix.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, ComplexArray
 from dynid.result import Result
 from dynid.structure import labels
 from dynid.structure.labels import Label
@@ -131,7 +132,10 @@ def modal_analysis(
         so in words, and where a frequency has few digits), `name` is empty for elastic modes, `shape` (dof x
         mode) has unit modal mass, `rigid` counts the rigid-body modes of the structure, of which `count` may
         leave some out, `massless` lists the DOFs without mass; `counted` is the frequency up to which no mode
-        is missing, proved by signs of pivots.
+        is missing, proved by signs of pivots. With structural damping also `loss_factor`, the ratio of
+        ``phi^T H phi`` and ``phi^T K phi``, whose damping ratio is part of `damping`; and
+        ``structure/complex_modes/{mode, pole, omega, loss_factor, damping, dof, shape}``: the poles, 1/s, of
+        the structure with all of its damping, in the order of their sizes, and their complex shapes.
     """
     M, C, K = model.with_joints(values)
     lowest = modes(M, C, K, count, below)
@@ -141,7 +145,10 @@ def modal_analysis(
     result.add_axis(f"{group}/mode", np.arange(1, len(lowest.omega) + 1))
     result.add_all(group, ("mode",), "rad/s", omega=lowest.omega, uncertainty=lowest.uncertainty)
     names = [*rigid, *[""] * len(lowest.omega)][: len(lowest.omega)]
-    result.add_all(group, ("mode",), undecided=lowest.undecided, damping=lowest.damping, name=names)
+    damping = lowest.damping
+    if model.hysteretic:
+        damping = damping + _add_complex_modes(result, model, values or {}, lowest)
+    result.add_all(group, ("mode",), undecided=lowest.undecided, damping=damping, name=names)
     result.add_axis(f"{group}/dof", [str(dof) for dof in model.dofs])
     result.add(f"{group}/shape", lowest.shapes, ("dof", "mode"))
     result.add(f"{group}/rigid", complete.rigid)
@@ -151,3 +158,38 @@ def modal_analysis(
     if without_mass := massless(M):
         result.add_axis(f"{group}/massless", [str(model.dofs[at]) for at in without_mass])
     return result
+
+
+def _add_complex_modes(
+    result: Result, model: StructuralModel, values: Mapping[str, float], lowest: Modes
+) -> Array:
+    """Add loss factors and complex modes; return the damping ratios that the loss factors add (modes)."""
+    from dynid.structure.mode_derivatives import lowest_modes
+    from dynid.structure.structural_damping import damping_ratio, loss_factors
+
+    H: Any = model.with_joints(values, loss=True)[2].imag
+    elastic = lowest.omega > 0
+    loss = np.einsum("im,im->m", lowest.shapes, H @ lowest.shapes)
+    loss = np.where(elastic, loss, 0.0) / np.where(elastic, lowest.omega, 1.0) ** 2
+    result.add("structure/modes/loss_factor", loss, ("mode",))
+    near = float(lowest.omega[elastic].min(initial=np.inf))
+    count = int(np.count_nonzero(elastic))
+    if count:
+        whole = count + (lowest.rigid if lowest.method != "dense matrices" else 0)
+        solution = lowest_modes(model, values, whole, near, damped=True)
+        moving = solution.omega > 0
+        poles, group = solution.poles[moving][:count], "structure/complex_modes"
+        result.add_axis(f"{group}/mode", np.arange(1, len(poles) + 1))
+        result.add_all(group, ("mode",), "rad/s", pole=poles, omega=np.abs(poles))
+        ratios = {"loss_factor": loss_factors(poles), "damping": -poles.real / np.abs(poles)}
+        result.add_all(group, ("mode",), **ratios)
+        result.add_axis(f"{group}/dof", [str(dof) for dof in model.dofs])
+        result.add(f"{group}/shape", _real_as_can_be(solution.shapes[:, moving][:, :count]), ("dof", "mode"))
+    return damping_ratio(loss)
+
+
+def _real_as_can_be(shapes: ComplexArray) -> ComplexArray:
+    """Return shapes turned to be as real as can be, the largest component of each positive and of size 1."""
+    turned = shapes * np.exp(-0.5j * np.angle(np.sum(shapes**2, axis=0)))
+    largest = np.take_along_axis(turned, np.abs(turned).argmax(axis=0)[None], axis=0)
+    return np.asarray(turned / (np.abs(largest) * np.where(largest.real < 0, -1.0, 1.0)))

@@ -66,7 +66,8 @@ class ModalSolution:
 
     `model`, `values`: the structure, and the values of its unknown parameters by name; `poles`: poles with a
     positive imaginary part (m), ascending in magnitude, 1/s; `shapes`: mode shapes (n x m), of unit modal
-    mass; complex with damping; `matrices`: mass, damping and stiffness with the joints; `inverse`: all
+    mass; complex with damping; `matrices`: mass, damping and stiffness with the joints, that of damped modes
+    with structural damping; `inverse`: all
     eigenvectors of a dense structure without damping; None of others.
     """
 
@@ -95,9 +96,9 @@ class ModalSolution:
 
     def _forces(self, pole: complex, shape: Vectors, slopes: Sequence[Mapping[str, Matrix]]) -> Vectors:
         """Return ``-Z' psi`` for each parameter (n x p)."""
-        powers: dict[str, Any] = {"M": pole**2, "C": pole, "K": 1.0}
+        powers: dict[str, Any] = {"M": pole**2, "C": pole, "K": 1.0, "H": 1j}
         if not self.damped:
-            powers = {"M": (pole**2).real, "C": 0.0, "K": 1.0}
+            powers = {"M": (pole**2).real, "C": 0.0, "K": 1.0, "H": 0.0}
         forces = np.zeros((len(shape), len(slopes)), dtype=self.shapes.dtype)
         for j, changes in enumerate(slopes):
             for letter, change in changes.items():
@@ -178,7 +179,7 @@ def has_damping(model: StructuralModel) -> bool:
     """Return True if a structure has damping, known or unknown."""
     C = model.with_known_joints()[1]
     entries = C.data if is_sparse(C) else C
-    if np.any(entries) or model.modal:
+    if np.any(entries) or model.modal or model.hysteretic:
         return True
     return any(term.letter == "C" for term in (*model.terms, *model.joint_terms)) or any(
         unknown.name.endswith(".c") for unknown in model.joint_unknowns
@@ -198,7 +199,8 @@ def lowest_modes(
     Raises Singular if a motion has neither mass nor stiffness, or the stiffness is indefinite, and
     NumericalError if damped modes of a sparse structure are not found.
     """
-    matrices = M, C, K = model.with_joints(values)
+    M, C, K = model.with_joints(values)
+    matrices = M, C, model.with_joints(values, loss=damped)[2] if model.hysteretic else K
     if is_sparse(M):
         computed = modes(M, C, K, count=min(count, model.size - 1), proof=False)
         along = (1j * computed.omega[:count]).astype(np.complex128)
@@ -210,9 +212,11 @@ def lowest_modes(
     M, C, K = as_array(M), as_array(C), as_array(K)
     if damped:  # in coordinates of all undamped modes
         dense_modes = modes(M, C, K, backend="dense")
-        poles, U = second_order_poles(dense_modes.omega, dense_modes.shapes.T @ C @ dense_modes.shapes)
+        shapes = dense_modes.shapes
+        loss = shapes.T @ as_array(matrices[2]).imag @ shapes if model.hysteretic else None
+        poles, U = second_order_poles(dense_modes.omega, shapes.T @ C @ shapes, loss)
         kept = np.flatnonzero(poles.imag > STILL * np.abs(poles))[:count]
-        return ModalSolution(model, values, poles[kept], dense_modes.shapes @ U[:, kept], matrices)
+        return ModalSolution(model, values, poles[kept], shapes @ U[:, kept], matrices)
     all_modes = len(M) <= _MOST_WHOLE
     square, shapes, inverse = _undamped(M, K, len(M) if all_modes else count, near**2)
     poles = np.asarray(1j * np.sqrt(np.maximum(square[:count], 0.0)), dtype=np.complex128)

@@ -35,7 +35,7 @@ _RIGID_ENERGY_TOL = 1e-9
 class Term(NamedTuple):
     """A part of a matrix that depends on unknown parameters."""
 
-    letter: str  # the matrix: ``M``, ``C`` or ``K``
+    letter: str  # the matrix: ``M``, ``C``, ``K`` or ``H``
     coefficient: Dependent  # what multiplies `matrix`
     matrix: Matrix  # a constant matrix (n x n)
 
@@ -88,6 +88,11 @@ class StructuralModel(NamedDofs):
         named like DOFs.
     translations
         True where DOFs whose labels have no direction are translations, as those of point masses.
+    H
+        Structural damping without the joints (n x n), the imaginary part of the stiffness at positive
+        frequencies; None without any.
+    viscous_at
+        The frequency, rad/s, at which dampers stand for the loss factors of joints; default: none do.
 
     Raises
     ------
@@ -107,15 +112,17 @@ class StructuralModel(NamedDofs):
     nodes: Nodes | None = None
     motions: Mapping[str, Motion] = field(default_factory=dict)
     translations: bool = False
+    H: Matrix | None = None
+    viscous_at: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", tuple(self.joints))
+        object.__setattr__(self, "joints", self._viscous(self.joints))
         shape = self.M.shape if is_sparse(self.M) else np.shape(self.M)
         n = shape[0] if shape else 0
         sparse = any(is_sparse(matrix) for matrix in (self.M, self.C, self.K))
-        for name in ("M", "K", "C"):
-            stored = getattr(self, name)
-            object.__setattr__(self, name, as_matrix(name, stored, n, sparse=sparse))
+        for name in "MKCH":
+            if (stored := getattr(self, name)) is not None:
+                object.__setattr__(self, name, as_matrix(name, stored, n, sparse=sparse))
         terms = (
             term._replace(matrix=as_matrix(term.letter, term.matrix, n, sparse=sparse)) for term in self.terms
         )
@@ -123,7 +130,7 @@ class StructuralModel(NamedDofs):
         object.__setattr__(self, "dofs", labels.checked(self.dofs, n))
         self._check_motions()
         if self.basis is None:  # a projection of a structure is one
-            for name in ("M", "K"):
+            for name in ("M", "K") if self.H is None else ("M", "K", "H"):
                 check_semidefinite(name, getattr(self, name), self.dofs)
         elif self.basis.T.shape != (self.basis.parent.size, n):
             rows, columns = self.basis.T.shape
@@ -135,7 +142,7 @@ class StructuralModel(NamedDofs):
 
         Raises UsageError if a joint makes no sense here.
         """
-        model = self._copied(joints=tuple(joints))
+        model = self._copied(joints=self._viscous(joints))
         model._check_joints()
         return model
 
@@ -146,9 +153,10 @@ class StructuralModel(NamedDofs):
         return self._copied(**self.mapped(csc_array))
 
     def mapped(self, change: Callable[[Any], Any]) -> dict[str, Any]:
-        """Return mass, damping, stiffness and the terms of these after a linear change of each matrix."""
+        """Return the matrices and the terms of these after a linear change of each matrix."""
         terms = tuple(term._replace(matrix=change(term.matrix)) for term in self.terms)
-        return {"M": change(self.M), "C": change(self.C), "K": change(self.K), "terms": terms}
+        H = None if self.H is None else change(self.H)
+        return {"M": change(self.M), "C": change(self.C), "K": change(self.K), "H": H, "terms": terms}
 
     def _copied(self, **changes: Any) -> StructuralModel:
         """Return a copy with other attributes, which are not checked."""
@@ -169,12 +177,14 @@ class StructuralModel(NamedDofs):
         any; `rigid`: as of `Basis`.
         """
         M, C, K = (congruent(T, matrix) for matrix in (self.M, self.C, self.K))
+        H = None if self.H is None else congruent(T, self.H)
         terms = tuple(term._replace(matrix=_projected_pattern(term, T, rigid)) for term in self.terms)
         modal = tuple(part.projected(T) for part in self.modal)
         basis = Basis(T, self, tuple(rigid))
         return StructuralModel(
-            M, C, K, self.joints, tuple(dofs), basis, self.parameters, terms, modal, self.nodes, self.motions
-        )
+            M, C, K, self.joints, tuple(dofs), basis, self.parameters, terms, modal, self.nodes, self.motions,
+            H=H,
+        )  # fmt: skip
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
@@ -193,8 +203,8 @@ class StructuralModel(NamedDofs):
                 component.high,
                 component.prior,
                 unit=unit_of(letter, [self.kind(dof) for dof in joint.dofs])
-                if component.matrix is None
-                else "",  # of the factor of a block
+                if component.matrix is None and component is not joint.eta
+                else "",  # of the factor of a block, of a loss factor
             )
             for joint in self.joints
             for name, letter, component, _ in joint.terms
@@ -219,30 +229,64 @@ class StructuralModel(NamedDofs):
             for coefficient, block in term.product.terms
         )
 
-    def bare(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
-        """Return mass, damping and stiffness without the joints.
+    def _viscous(self, joints: Iterable[Joint]) -> tuple[Joint, ...]:
+        """Return joints whose loss factors act as dampers where the structure says so."""
+        if self.viscous_at is None:
+            return tuple(joints)
+        from dynid.structure.structural_damping import viscous
 
-        `values`: parameters by name; those that are absent have their reference values.
+        return viscous(joints, self.viscous_at)
+
+    def needs_causal(self, what: str) -> None:
+        """Refuse a structure with structural damping, which has no motion in time.
+
+        Raises UsageError that names what needs a causal structure.
         """
-        sums: dict[str, Any] = {"M": self.M, "C": self.C, "K": self.K}
-        parameter_values = values or {}
-        if self.names.isdisjoint(parameter_values):
-            return self.M, self.C, self.K
+        if self.hysteretic:
+            from dynid.structure.structural_damping import not_causal
+
+            raise not_causal(what)
+
+    def needs_positive(self, omega: Array) -> None:
+        """Refuse the frequency 0 for a structure with structural damping.
+
+        Raises UsageError.
+        """
+        if self.hysteretic and np.any(omega <= 0):
+            from dynid.structure.structural_damping import not_positive
+
+            raise not_positive()
+
+    @property
+    def hysteretic(self) -> bool:
+        """True with structural damping, known or unknown, which holds at positive frequencies only."""
+        return self.H is not None or any(
+            term.letter == "h" for joint in self.joints if joint.eta is not None for term in joint.terms
+        )
+
+    def _bare(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """Return the matrices without the joints by their letters."""
+        sums: dict[str, Any] = {"M": self.M, "C": self.C, "K": self.K, "H": self.H}
+        if self.names.isdisjoint(values):
+            return sums
         for term in self.terms:
-            change = term.coefficient.at(parameter_values).value - float(term.coefficient)
+            change = term.coefficient.at(values).value - float(term.coefficient)
             if change:
                 sums[term.letter] = sums[term.letter] + change * term.matrix
         for part in self.modal:
-            sums["C"] = sums["C"] + self._stored(part.change(parameter_values))
-        return sums["M"], sums["C"], sums["K"]
+            sums["C"] = sums["C"] + self._stored(part.change(values))
+        return sums
 
     @guarded("the sum of mass, stiffness or damping at a DOF", UsageError)
-    def with_joints(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
+    def with_joints(
+        self, values: Mapping[str, float] | None = None, *, loss: bool = False
+    ) -> tuple[Matrix, Matrix, Matrix]:
         """Return mass, damping and stiffness with the joints: M + M_s, C + C_s and K + K_s (Yang, eq 1).
 
         `values`: the parameters by name. Those that are not joints' own (``<joint>.k``, ``<joint>.c``) have
-        their reference values where they are absent. Raises UsageError if an unknown parameter of a joint has
-        no value, or a name is no parameter.
+        their reference values where they are absent; `loss`: True for the complex stiffness K + i H of a
+        structure with structural damping. Raises UsageError if an unknown parameter of a joint has no value,
+        or a name is no parameter.
         """
         parameter_values = dict(values or {})
         unknown = parameter_values.keys() - self.names - {parameter.name for parameter in self.parameters}
@@ -250,9 +294,9 @@ class StructuralModel(NamedDofs):
             this = "this name" if len(unknown) == 1 else "these names"
             names = [name for name in parameter_values if name in unknown]
             raise UsageError(f"{', '.join(names)}: no unknown parameter has {this}", names=names)
-        sums: dict[str, Any] = dict(zip("mck", self.bare(parameter_values), strict=True))
+        sums = self._bare(parameter_values)
         for joint in self.joints:
-            for name, letter, component, pattern in joint.terms:
+            for name, letter, component, block_of in joint.terms:
                 value = (
                     parameter_values.get(name)
                     if component.value is None
@@ -260,9 +304,12 @@ class StructuralModel(NamedDofs):
                 )
                 if value is None:
                     raise UsageError(f"the joint parameter {name} has no value", names=(name,))
-                block = as_array(pattern.at(parameter_values))
-                sums[letter] = sums[letter] + self._pattern(joint, value * block, letter)
-        return sums["m"], sums["c"], sums["k"]
+                block = as_array(block_of.at(parameter_values))
+                pattern, key = self._pattern(joint, value * block, letter), letter.upper()
+                sums[key] = pattern if sums[key] is None else sums[key] + pattern
+        if loss and sums["H"] is not None:
+            sums["K"] = sums["K"] + 1j * sums["H"]
+        return sums["M"], sums["C"], sums["K"]
 
     def with_known_joints(self) -> tuple[Matrix, Matrix, Matrix]:
         """Return the matrices with the joints that are known; other ones are left out."""
@@ -276,8 +323,8 @@ class StructuralModel(NamedDofs):
         `values`: the parameters by name; those that are absent have their reference values; `names`: the
         parameters, known or unknown, by which to differentiate; default: `unknowns`.
 
-        It returns for each of them the derivatives by the matrices' letters, ``M``, ``C``, ``K``; those that
-        vanish are absent.
+        It returns for each of them the derivatives by the matrices' letters, ``M``, ``C``, ``K``, ``H``;
+        those that vanish are absent.
         """
         requested = [parameter.name for parameter in self.unknowns] if names is None else names
         by_name: dict[str, dict[str, Any]] = {name: {} for name in requested}
@@ -321,7 +368,9 @@ class StructuralModel(NamedDofs):
 
         return csc_array(matrix)
 
-    def dense(self, values: Mapping[str, float] | None = None) -> tuple[Array, Array, Array]:
+    def dense(
+        self, values: Mapping[str, float] | None = None, *, loss: bool = False
+    ) -> tuple[Array, Array, Array]:
         """Return the matrices of `with_joints` as arrays.
 
         Raises UsageError as `with_joints`; also if they would not fit into memory.
@@ -331,7 +380,7 @@ class StructuralModel(NamedDofs):
                 f"the structure has {self.size} DOFs, more than the {_MOST_DENSE} that this analysis takes",
                 remedy="Reduce it first.",
             )
-        M, C, K = self.with_joints(values)
+        M, C, K = self.with_joints(values, loss=loss)
         return as_array(M), as_array(C), as_array(K)
 
     def with_parameters(self, parameters: Iterable[Parameter]) -> StructuralModel:
@@ -396,7 +445,7 @@ class StructuralModel(NamedDofs):
             rounding = np.outer(np.abs(block).sum(axis=1), self._blur)
             unstrained = np.asarray(np.all(np.abs(block @ rows) <= rounding, axis=0))
             rows[:, unstrained] = 0.0
-            if letter == "k":
+            if letter in "kh":
                 rows[:, list(self.basis.rigid)] = 0.0
         return np.asarray(rows.T @ block @ rows)
 

@@ -41,6 +41,8 @@ class PointJoint:
     # 12, of one point 6 x 6).
     k: Components | None = None
     c: Components | None = None
+    # Loss factor of the stiffness: one of all its directions, or by direction.
+    eta: Component | Mapping[str, Component] | None = None
     # Mass, half of it at each point; or a block over the motions of its points (6 or 12).
     m: Component | Block | None = None
     # Rows: directions of its frame in basic coordinates (3 x 3), orthonormal and right-handed; default: the
@@ -64,16 +66,37 @@ def components(
     directions = {along for matrix in matrices.values() for along in matrix}
     if wrong := sorted(directions - {*DIRECTIONS}):
         raise _refused(joint, f"has no direction '{wrong[0]}'", f"Use {', '.join(DIRECTIONS)}.")
+    losses = _loss_factors(joint, list(matrices.get("k", ())))
     for along in (direction for direction in DIRECTIONS if direction in directions):
         parameters = {letter: matrix[along] for letter, matrix in matrices.items() if along in matrix}
+        parameters |= {"eta": losses[along]} if along in losses else {}
         joints.append(Joint(joint.name, ends.labels([along]), component=along, **parameters))
     for letter in "kcm":
         matrix = getattr(joint, letter)
         if matrix is None or letter in matrices:
             continue
         dofs, block = _over_points(joint, letter, matrix, ends)
-        joints.append(Joint(joint.name, dofs, **{letter: block}, component=""))
+        loss = {"eta": losses[""]} if letter == "k" and "" in losses else {}
+        joints.append(Joint(joint.name, dofs, **{letter: block}, **loss, component=""))
     return ends.motions, _merged(joints)
+
+
+def _loss_factors(joint: PointJoint, directions: Sequence[str]) -> dict[str, Component]:
+    """Return the loss factors by the directions of k, of a block under the empty name."""
+    eta = joint.eta
+    if eta is None:
+        return {}
+    if isinstance(eta, Mapping):
+        if missing := [along for along in eta if along not in directions]:
+            raise _refused(joint, f"has an eta along {missing[0]}, but no k", "Give eta where k is.")
+        return dict(eta)
+    if len(directions) > 1 and isinstance(eta, JointParameter) and eta.start is not None:
+        raise _refused(
+            joint,
+            "has one unknown eta for k of several directions",
+            "Write eta: {x: {start: …}, …}, or the name of one of the scene's parameters.",
+        )
+    return dict.fromkeys(directions or [""], eta)
 
 
 class _Ends:
@@ -194,7 +217,10 @@ def _merged(joints: Sequence[Joint]) -> Sequence[Joint]:
         key = (joint.component, joint.dofs)
         if key in by_key:
             previous = by_key[key]
-            parts = {letter: getattr(previous, letter) or getattr(joint, letter) for letter in "kcm"}
+            parts = {
+                letter: getattr(previous, letter) or getattr(joint, letter)
+                for letter in ("k", "c", "m", "eta")
+            }
             by_key[key] = Joint(joint.name, joint.dofs, **parts, component=joint.component)
         else:
             by_key[key] = joint

@@ -45,9 +45,9 @@ def lowest_oscillating(
 ) -> tuple[ComplexArray, ComplexArray] | None:
     """Return the lowest poles with a positive imaginary part, ascending in magnitude, and their shapes.
 
-    `matrices`: mass, damping and stiffness, sparse (n x n); `count`: how many poles; `rigid`: number of
-    rigid-body modes, which have poles of zero; `elastic`: the lowest elastic frequency without damping,
-    rad/s. Raises NumericalError if too many poles do not oscillate.
+    `matrices`: mass, damping and stiffness, sparse (n x n), the stiffness complex with structural damping;
+    `count`: how many poles; `rigid`: number of rigid-body modes, which have poles of zero; `elastic`: the
+    lowest elastic frequency without damping, rad/s. Raises NumericalError if too many poles do not oscillate.
 
     It returns at least `count` poles, with all that equal the last, and shapes (n x poles); None where that
     takes nearly all poles of the structure.
@@ -61,9 +61,10 @@ def lowest_oscillating(
     n, shift = M.shape[0], _SHIFT * elastic
     damping = C + shift * M
     Z = K + shift * damping
-    scale = 1 / np.sqrt(Z.diagonal())
+    lossy = np.iscomplexobj(K)
+    scale = 1 / np.sqrt(np.abs(Z.diagonal()))
     balanced = diags_array(scale) @ csc_array(Z) @ diags_array(scale)
-    factor = factorise(csc_array(balanced), definite=True)
+    factor = factorise(csc_array(balanced), definite=not lossy)
 
     def inverse(state: Array) -> Array:
         x, v = state[:n], elastic * state[n:]  # v is divided by a frequency: both are displacements
@@ -71,7 +72,7 @@ def lowest_oscillating(
         u = -scale * np.asarray(factor.solve(scale * forces))
         return np.concatenate([u, (x + shift * u) / elastic])
 
-    operator = LinearOperator((2 * n, 2 * n), matvec=inverse, dtype=float)
+    operator = LinearOperator((2 * n, 2 * n), matvec=inverse, dtype=complex if lossy else float)
     start = np.random.Generator(np.random.PCG64(0)).standard_normal(2 * n)
     asked = 2 * (count + rigid) + _SPARE
     for _ in range(_DOUBLED + 1):
@@ -132,11 +133,12 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
     undamped = modes(M, C, K, backend="dense")
     shapes, omega = undamped.shapes, undamped.omega
     D = shapes.T @ C @ shapes
+    loss = shapes.T @ model.dense(values, loss=True)[2].imag @ shapes if model.hysteretic else None
     moved = [
         {letter: shapes.T @ as_array(change) @ shapes for letter, change in slopes.items()}
         for slopes in model.slopes(values)
     ]
-    poles, U = second_order_poles(omega, D)
+    poles, U = second_order_poles(omega, D, loss)
     slopes = np.zeros((len(poles), len(moved)), dtype=complex)
     clusters: list[list[int]] = []  # places of poles that are one, in the order of their size
     for row, pole in enumerate(poles):
@@ -153,7 +155,7 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
             slopes[cluster] = np.inf
             continue
         for j, changes in enumerate(moved):
-            powers = {"M": pole**2, "C": pole, "K": 1.0}
+            powers = {"M": pole**2, "C": pole, "K": 1.0, "H": 1j}
             change = sum((powers[letter] * matrix for letter, matrix in changes.items()), np.zeros_like(D))
             branches = -np.linalg.solve(gram, u.T @ change @ u)
             slopes[cluster, j] = np.sort_complex(np.linalg.eigvals(branches))
@@ -168,15 +170,20 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
     )
 
 
-def second_order_poles(omega: Array, D: Array) -> tuple[ComplexArray, ComplexArray]:
+def second_order_poles(
+    omega: Array, D: Array, loss: Array | None = None
+) -> tuple[ComplexArray, ComplexArray]:
     """Return the poles with Im >= 0 and their modal shapes of unit length (modes x poles).
 
-    In modal coordinates [omega q, q'] the undamped system is antisymmetric: its eigenvalues are exact to
-    rounding however wide the spectrum.
+    `omega`, `D`, `loss`: natural frequencies, modal damping and modal structural damping. In modal
+    coordinates [omega q, q'] the undamped system is antisymmetric: its eigenvalues are exact to rounding
+    however wide the spectrum.
     """
     m = len(omega)
-    A = np.zeros((2 * m, 2 * m))
+    A = np.zeros((2 * m, 2 * m), dtype=float if loss is None else complex)
     A[:m, m:], A[m:, :m], A[m:, m:] = np.diag(omega), -np.diag(omega), -D
+    if loss is not None:  # rigid-body modes strain nothing, and lose nothing
+        A[m:, :m] -= 1j * loss / np.where(omega > 0, omega, np.inf)
     poles, vectors = np.linalg.eig(A)
     poles = poles.astype(complex)
     size = np.abs(poles)

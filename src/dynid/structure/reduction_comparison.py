@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,8 +76,8 @@ def compare(
     Result
         ``reduction/<name>/{T, mass, stiffness, damping, masters, modes, condition, frequencies,
         frequency_uncertainty, reference, reference_uncertainty, frequency_error, mac, orthogonality,
-        energy_error}`` and ``reduction/frf/{omega, full, <name>,
-        frac}``. The matrices include the joints; where there are some, ``mass_without_joints``,
+        energy_error}``, with structural damping ``structural_damping``, too, and ``reduction/frf/{omega,
+        full, <name>, frac}``. The matrices include the joints; where there are some, ``mass_without_joints``,
         ``stiffness_without_joints`` and ``damping_without_joints`` do not (Yang, eq 9). `frequency_error` is
         relative and signed; the uncertainties are what rounding leaves open, rad/s. Attributes of the groups
         hold the cost of the work and the modes in doubt.
@@ -142,6 +142,9 @@ def _add(
     for suffix, matrices in (("", reduced.with_joints()), ("_without_joints", bare)):
         for name, matrix in zip(("mass", "damping", "stiffness"), matrices, strict=False):
             result.add(f"{group}/{name}{suffix}", as_array(matrix), ("coordinate", "column"))
+    if reduced.hysteretic:
+        loss: Any = reduced.with_joints(loss=True)[2].imag
+        result.add(f"{group}/structural_damping", as_array(loss), ("coordinate", "column"))
     if evaluated.modes.doubt:
         result.annotate(group, doubt=f"{group.rpartition('/')[2]}: {evaluated.modes.doubt}")
     masters = [model.index(label) + 1 for label in evaluated.reduction.masters]
@@ -196,7 +199,9 @@ def _add_responses(
 
 def _response(model: StructuralModel, asked: RequestedResponses) -> NDArray[np.complex128]:
     where = ports(model, asked.inputs, asked.outputs)
-    return frequency_response_functions(*model.with_joints(), where, asked.omega).response
+    model.needs_positive(asked.omega)
+    matrices = model.with_joints(loss=True)
+    return frequency_response_functions(*matrices, where, asked.omega).response
 
 
 @dataclass

@@ -47,8 +47,9 @@ def frequency_response(
     """
     where = ports(model, inputs, outputs)
     w = np.atleast_1d(np.asarray(omega, dtype=float))
+    model.needs_positive(w)
     response = frequency_response_functions(
-        *model.with_joints(values), where, w, method=method, accuracy=accuracy
+        *model.with_joints(values, loss=True), where, w, method=method, accuracy=accuracy
     )
     result = Result("structure")
     group = "structure/frequency_response"
@@ -90,6 +91,7 @@ def time_response(
         ``structure/time_response/{time, output, unit, response, source, input}``; ``unit`` is along
         ``output``, ``input`` (time x source) holds the forces.
     """
+    model.needs_causal("time response")
     t = np.asarray(times, dtype=float)
     driven, (M, C, K) = drive(model, loads, outputs, values), model.dense(values)
     driven.check_initial(M, C, model.dofs, displacement, velocity)

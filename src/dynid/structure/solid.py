@@ -33,11 +33,12 @@ _INCOMPRESSIBLE = 0.49
 
 @dataclass(frozen=True)
 class Material:
-    """An isotropic elastic material: Young's modulus, Pa, Poisson's ratio, and density, kg/m3."""
+    """An isotropic elastic material: Young's modulus, Pa, Poisson's ratio, density, kg/m3, loss factor."""
 
     E: Real
     nu: float
     rho: Real
+    eta: Real = 0.0
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def solid(
             free[_supported(node_index, support, sets, at), DIRECTIONS[:3].index(direction)] = False
     if not free.any():
         raise UsageError("the supports leave nothing to move", names=("supports",))
-    M, K = _matrices(mesh, layers, compact, np.flatnonzero(free))
+    M, K, H = _matrices(mesh, layers, compact, np.flatnonzero(free))
     labels = [f"{numbers[node]}:{DIRECTIONS[axis]}" for node, axis in np.argwhere(free).tolist()]
     nodes = Nodes(
         tuple(numbers),
@@ -113,7 +114,7 @@ def solid(
         doubts=(*mesh.doubts, *_doubts(mesh, layers, outer.parts)),
     )
     C = DependentMatrix(nothing(len(labels), sparse=len(labels) > DENSE_STRUCTURES.value))
-    return damped_structure(M, C, K, damping, joints, labels, parameters, nodes)
+    return damped_structure(M, C, K, damping, joints, labels, parameters, nodes, H=H)
 
 
 class _Layer(NamedTuple):
@@ -160,6 +161,7 @@ def _layers(mesh: SolidMesh, materials: Material | Mapping[str, Material]) -> It
 def _check(what: str, where: str, material: Material) -> None:
     try:
         not_negative(f"rho of {what}", material.rho)
+        not_negative(f"eta of {what}", material.eta)
         if not 0 < float(material.E) < math.inf:
             raise UsageError(f"E of {what} must be positive and finite")
         if not -1 < material.nu < 0.5:
@@ -197,8 +199,8 @@ class _Share(NamedTuple):
 
 def _matrices(
     mesh: SolidMesh, layers: Sequence[_Layer], compact: Places, free: Places
-) -> tuple[DependentMatrix, DependentMatrix]:
-    """Return mass and stiffness over the free DOFs: one part of all known numbers, one for each unknown."""
+) -> tuple[DependentMatrix, DependentMatrix, DependentMatrix | None]:
+    """Return mass, stiffness, structural damping over the free DOFs: known numbers, then each unknown."""
     dense = len(free) <= DENSE_STRUCTURES.value
 
     def sums(chosen: Sequence[tuple[_Layer, float, float]]) -> tuple[Matrix, Matrix]:
@@ -226,7 +228,12 @@ def _matrices(
             mass, stiff = sums([(layer, 1.0, 1.0)])
             M = DependentMatrix(M.constant, (*M.terms, (rho, mass))) if isinstance(rho, Dependent) else M
             K = DependentMatrix(K.constant, (*K.terms, (E, stiff))) if isinstance(E, Dependent) else K
-    return M, K
+    losses = [(layer, layer.material.E * layer.material.eta) for layer in layers if layer.material.eta]
+    if not losses:
+        return M, K, None
+    H = DependentMatrix(sums([(layer, known(loss), 0.0) for layer, loss in losses])[1])
+    terms = [(loss, sums([(layer, 1.0, 0.0)])[1]) for layer, loss in losses if isinstance(loss, Dependent)]
+    return M, K, DependentMatrix(H.constant, tuple(terms))
 
 
 def _assembled(shares: Sequence[_Share], xyz: Array, free: Places, dense: bool) -> tuple[Matrix, Matrix]:

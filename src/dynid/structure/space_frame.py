@@ -117,6 +117,7 @@ class SpaceMember:
     releases: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
     # Elements along it; their inner nodes are numbered after the given ones, member by member.
     elements: int = 1
+    eta: Real = 0.0  # loss factor of its stiffness
 
     @property
     def polar_inertia(self) -> Real:
@@ -135,16 +136,17 @@ class RigidMass:
 
 
 class Element(NamedTuple):
-    """An element: nodes, stiffness and mass by their DOFs, and those of its rotations without releases."""
+    """An element: nodes, stiffness and mass by their DOFs, those of its rotations without releases."""
 
     nodes: tuple[int, int]
     k: DependentMatrix
     m: DependentMatrix
     rotational: tuple[float, float]
+    eta: Real = 0.0  # loss factor of its stiffness
 
 
-# Nodes, and stiffness and mass over their DOFs.
-_Block: TypeAlias = tuple[tuple[int, ...], DependentMatrix, DependentMatrix]
+# Nodes, stiffness and mass over their DOFs, loss factor.
+_Block: TypeAlias = tuple[tuple[int, ...], DependentMatrix, DependentMatrix, Real]
 
 
 @guarded("the matrices of the frame", UsageError)
@@ -184,13 +186,13 @@ def space_frame(
     for what, items in (("support", held), ("mass", bodies), ("spring", grounded)):
         check_nodes(what, items, len(points), DIRECTIONS)
     fixed = {(item.node, direction) for item in held for direction in item.fix}
-    blocks: list[_Block] = [(piece.nodes, piece.k, piece.m) for piece in pieces]
-    blocks += [((body.node,), _nothing(6), _inertia(body)) for body in bodies]
+    blocks: list[_Block] = [(piece.nodes, piece.k, piece.m, piece.eta) for piece in pieces]
+    blocks += [((body.node,), _nothing(6), _inertia(body), 0.0) for body in bodies]
     for item in grounded:
         if not isinstance(item.k, Dependent):
             not_negative(f"the stiffness at node {item.node}", item.k)
         at = DependentMatrix(np.diag([float(item.direction == axis_name) for axis_name in DIRECTIONS]))
-        blocks.append(((item.node,), at.times(item.k), _nothing(6)))
+        blocks.append(((item.node,), at.times(item.k), _nothing(6), item.eta))
     fixed |= _uncarried(pieces, blocks, fixed, len(points))
     labels = [
         f"{node}:{direction}"
@@ -199,9 +201,9 @@ def space_frame(
         if (node, direction) not in fixed
     ]
     assembly = Assembly(labels)
-    for ends, k, m in blocks:
+    for ends, k, m, eta in blocks:
         dofs = [f"{node}:{direction}" for node in ends for direction in DIRECTIONS]
-        assembly.add("K", dofs, k)
+        assembly.add_stiffness(dofs, k, eta)
         assembly.add("M", dofs, m)
     for item in grounded:
         assembly.add("C", [f"{item.node}:{item.direction}"], DependentMatrix(np.eye(1)).times(item.c))
@@ -246,7 +248,7 @@ def divided(
         ends = (at == 0, at == count - 1)
         if ends not in blocks:
             blocks[ends] = _element(member, step, axes, ends, directions)
-        yield Element(pair, *blocks[ends], rotational)
+        yield Element(pair, *blocks[ends], rotational, member.eta)
 
 
 # The DOFs of an element that stretch, twist, and bend it in its x-y and x-z planes: selected from the twelve,
@@ -384,7 +386,7 @@ def _uncarried(
             names=(f"nodes.{loose[0]}",),
         )
     carried = np.zeros((count, 3, 3))
-    for ends, *matrices in blocks:
+    for ends, *matrices, _ in blocks:
         for end, node in enumerate(ends):
             rotations = slice(6 * end + 3, 6 * end + 6)
             for letter, matrix in enumerate(matrices):

@@ -192,6 +192,7 @@ def without_massless(model: StructuralModel, dofs: Sequence[Label]) -> Structura
     Raises UsageError if a massless DOF is damped, loaded, measured, or an unknown parameter acts on it, and
     Singular if one can move without strain.
     """
+    model.needs_causal("record of time")
     M, C, _ = model.with_known_joints()
     empty = massless(M)
     if not empty:

@@ -61,7 +61,8 @@ class _BandLimitedSystem(StructureSystem):
     ) -> Responses:
         """Return the responses and derivatives of `paired_response`, from the modes in the band."""
         ends, where = self._ends(pairs)
-        _, C, K = self.model.dense(values)
+        self.model.needs_positive(omega)
+        _, C, K = self.model.dense(values, loss=True)
         V = self.basis(values, omega, pairs)
         k, c, b = V.T @ K @ V, V.T @ C @ V, V.T @ ends.T
         factor = self._factors(omega, pairs)

@@ -108,6 +108,7 @@ def _ideally_simulated(
     """Return the response with ideal instruments."""
     if not isinstance(model, StructuralModel):
         return model.simulated(loads, channels, times, source)
+    model.needs_causal("record of time")
     truth = model.true_values()
     driven, matrices = drive(model, loads, channels, truth), model.dense(truth)
     start = driven.state(*matrices[:2], starting_state(model, loads, source.displacement, source.velocity))

@@ -57,6 +57,7 @@ class StructureSystem(LinearSystem):
 
         Raises UsageError, with the remedies.
         """
+        self.model.needs_causal("record of time")
         M = self.model.dense(_references(self.model))[0]
         if some := massless_motion(self._driven.mass(M)):
             raise UsageError(
@@ -68,6 +69,7 @@ class StructureSystem(LinearSystem):
 
     def at(self, values: Mapping[str, float]) -> Matrices:
         """Return the matrices; of M a = f - C v - K x the derivative is M da = df - dC v - dK x - dM a."""
+        self.model.needs_causal("state equations")
         driven, n = self._driven, self.model.size
         if self._shaken:  # the force by which a moving ground acts depends on the masses
             driven = drive(self.model, self.loads, self.channels, values)
@@ -151,13 +153,17 @@ class StructureSystem(LinearSystem):
         return np.array([state for state, _ in states]).reshape(len(states), n), prescribed
 
     def poles(self, values: Mapping[str, float]) -> ComplexArray:
-        """Return the poles at values of the parameters, 1/s."""
-        M, C, K = self.model.dense(values)
+        """Return the poles at values of the parameters, 1/s; with structural damping and their conjugates."""
+        M, C, K = self.model.dense(values, loss=True)
         n = len(M)
-        A = np.zeros((2 * n, 2 * n))
+        A = np.zeros((2 * n, 2 * n), dtype=K.dtype)
         A[:n, n:] = np.eye(n)
         A[n:] = -np.linalg.solve(M, np.concatenate([K, C], axis=1))
-        return np.asarray(np.linalg.eigvals(rescaled(A, balance(A))), dtype=complex)
+        poles = np.asarray(np.linalg.eigvals(rescaled(A, balance(A))), dtype=complex)
+        if self.model.hysteretic:  # those at positive frequencies, and as a real system would have them
+            poles = poles[poles.imag > 0]
+            poles = np.concatenate([poles, poles.conj()])
+        return poles
 
     def paired_response(
         self, values: Mapping[str, float], omega: Array, pairs: Pairs, *, slopes: bool = True
@@ -175,11 +181,12 @@ class StructureSystem(LinearSystem):
         self, values: Mapping[str, float], omega: Array, pairs: Pairs, *, slopes: bool
     ) -> Responses:
         """Return the responses and derivatives of `paired_response`."""
+        self.model.needs_positive(omega)
         # One evaluation alone, without slopes as of a simulation, is not worth condensing for.
         condensed = self._condensed(omega, pairs) if slopes or self._lines is not None else None
         if condensed is None:
             return self._whole_response(values, omega, pairs, slopes=slopes)
-        receptance, motion, right = condensed.solve(*self.model.dense(values))
+        receptance, motion, right = condensed.solve(*self.model.dense(values, loss=True))
         factor = self._factors(omega, pairs)
         H, moved = factor * receptance, np.zeros((*factor.shape, 0), dtype=complex)
         if slopes:
@@ -192,7 +199,7 @@ class StructureSystem(LinearSystem):
         self, values: Mapping[str, float], omega: Array, pairs: Pairs, *, slopes: bool
     ) -> Responses:
         """Return the responses and derivatives of `paired_response` from solutions with all DOFs."""
-        M, C, K = self.model.dense(values)
+        M, C, K = self.model.dense(values, loss=True)
         ends, where = self._ends(pairs)
         n = len(M)
         solved = second_order_response(M, C, K, ends.T, np.eye(n), np.zeros(n, dtype=int), omega)
@@ -236,7 +243,7 @@ class StructureSystem(LinearSystem):
         motion, (force, read) = motions
         forces, of_pair = np.unique(force, return_inverse=True)
         moved = np.zeros((*factor.shape, len(self.unknowns)), dtype=complex)
-        powers = {"K": np.ones(len(omega)), "C": 1j * omega, "M": -(omega**2)}
+        powers = {"K": np.ones(len(omega)), "C": 1j * omega, "M": -(omega**2), "H": np.full(len(omega), 1j)}
         for k, changes in enumerate(self.model.slopes(values)):
             for letter, matrix in changes.items():
                 change = within(as_array(matrix))
@@ -265,7 +272,7 @@ class StructureSystem(LinearSystem):
         if self._lines is None or self._lines[0] != key:
             unknown_names, lines = {unknown.name for unknown in self.unknowns}, None
             if all(unknown_names.isdisjoint(part.names) for part in self.model.modal):
-                matrices = self.model.dense(_references(self.model))
+                matrices = self.model.dense(_references(self.model), loss=True)
                 acting = self._acting((*self.model.joint_terms, *self.model.terms))
                 if any(matrix.any() for matrix in acting):
                     coordinates = ActiveCoordinates.of(acting)

@@ -150,12 +150,12 @@ def _joint(name: str, joint: JointModel) -> Any:
     from dynid.structure.point_joints import PointJoint
 
     try:
-        k, c, m = (joint_parameter(value) for value in (joint.k, joint.c, joint.m))
+        k, c, m, eta = (joint_parameter(value) for value in (joint.k, joint.c, joint.m, joint.eta))
     except UsageError as error:
         raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
     axes = None if joint.axes is None else _axes(name, joint.axes)
     at = None if joint.at is None else _vector(joint.at)
-    return PointJoint(name, tuple(joint.points or ()), k, c, m, axes, at)
+    return PointJoint(name, tuple(joint.points or ()), k, c, eta, m, axes, at)
 
 
 def _axes(name: str, axes: Axes | AxesModel) -> Array:

@@ -120,6 +120,8 @@ class ReductionSamples:
         self._model = model
         self._structure = build_structure(replace(scene, model=model), model.structure, model.joints)
         size = self._structure.size
+        if self._structure.hysteretic:
+            raise NotShared("structural damping is computed sample by sample")
         if self._structure.is_sparse or size > _MAX_DOFS:
             raise NotShared(f"structures of more than {_MAX_DOFS} DOFs are reduced one by one")
         self._step = max(1, _STACK_NUMBERS // size**2)

@@ -223,9 +223,11 @@ LAYOUT: dict[str, str] = {
     # Structures and reductions.
     "structure": "doubt",
     "structure/nodes": "doubt",
+    "structure/damping": "doubt",
     "structure/modes": (
-        "mode omega uncertainty undecided damping name dof shape rigid counted doubt massless"
+        "mode omega uncertainty undecided damping loss_factor name dof shape rigid counted doubt massless"
     ),
+    "structure/complex_modes": "mode pole omega loss_factor damping dof shape",
     "structure/frequency_response": f"{_RESPONSE} method modes error",
     "structure/frequency_peaks": _PEAKS,
     "structure/time_response": _TIME_RESPONSE,
@@ -236,7 +238,7 @@ LAYOUT: dict[str, str] = {
     ),
     "reduction": "method dof solver seconds peak_megabytes doubt",
     "reduction/<method>": (
-        "T mass damping stiffness masters master modes basis_mode condition frequencies reference "
+        "T mass damping stiffness structural_damping masters master modes basis_mode condition frequencies reference "
         "frequency_uncertainty reference_uncertainty frequency_error mac orthogonality energy_error "
         "coordinate column mode full_mode part mass_without_joints damping_without_joints "
         "stiffness_without_joints rule doubt seconds peak_megabytes"

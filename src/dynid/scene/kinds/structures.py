@@ -12,6 +12,7 @@ from pydantic import BaseModel
 
 from dynid.arithmetic.dependent import Real
 from dynid.errors import DynidError, Fault, FileError, UsageError
+from dynid.number_format import frequency_text
 from dynid.parameters import Parameter, ParameterPrior
 from dynid.scene.kinds.parameters import all_parameters, quantities
 from dynid.scene.schema.joints import JointModel, MassModel, ParameterModel
@@ -32,6 +33,7 @@ from dynid.scene.schema.structure import (
 from dynid.structure.joints import Joint, JointParameter, unit_of
 from dynid.structure.labels import kind
 from dynid.suggestions import shortened
+from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from dynid.result import Result
@@ -73,8 +75,8 @@ def dof_joint(name: str, joint: JointModel) -> Joint:
         said = f"joint {name} is between points, which a structure has in an identification only"
         raise UsageError(said, remedy="Name DOFs.", names=(f"joints.{name}",))
     try:
-        values = (joint_parameter(value) for value in (joint.k, joint.c, joint.m))
-        return Joint(name, tuple(joint.dofs), *values)
+        values = (joint_parameter(value) for value in (joint.k, joint.c, joint.m, joint.eta))
+        return Joint(name, tuple(joint.dofs), *values)  # k, c, m and eta
     except UsageError as error:
         raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
 
@@ -189,8 +191,12 @@ def _of_joints(
 def _lumped(_: Path, model: LumpedModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.lumped import Link, lumped
 
-    links = [Link(tuple(int(dof) for dof in link.dofs), _real(link.k), _real(link.c)) for link in model.links]
-    return lumped([mass.real for mass in model.masses], links, parameters=parameters)
+    links = [
+        Link(tuple(int(dof) for dof in link.dofs), _real(link.k), _real(link.c), _real(link.eta))
+        for link in model.links
+    ]
+    masses = [mass.real for mass in model.masses]
+    return lumped(masses, links, parameters=parameters, damping=_damping(model.damping))
 
 
 def _beam(_: Path, model: BeamModel, parameters: Sequence[Parameter]) -> StructuralModel:
@@ -204,6 +210,7 @@ def _beam(_: Path, model: BeamModel, parameters: Sequence[Parameter]) -> Structu
         **_attached(model),
         damping=_damping(model.damping),
         parameters=parameters,
+        eta=0.0 if model.eta is None else _each(model.eta),
     )
 
 
@@ -218,6 +225,7 @@ def _frame(_: Path, model: FrameModel, parameters: Sequence[Parameter]) -> Struc
             member.rhoA.real,
             member.elements,
             tuple(member.hinges),
+            _real(member.eta),
         )
         for member in model.members
     ]
@@ -238,6 +246,7 @@ def _space_frame(_: Path, model: SpaceFrameModel, parameters: Sequence[Parameter
             (_vector(entry.offsets[0]), _vector(entry.offsets[1])) if entry.offsets else (_NOWHERE, _NOWHERE),
             (tuple(entry.releases[0]), tuple(entry.releases[1])) if entry.releases else ((), ()),
             entry.elements,
+            _real(entry.eta),
         )
         for entry in model.members
     ]
@@ -250,7 +259,8 @@ def _space_frame(_: Path, model: SpaceFrameModel, parameters: Sequence[Parameter
             for entry in model.masses
         ],
         springs=[
-            Spring(entry.node, entry.direction, _real(entry.k), _real(entry.c)) for entry in model.springs
+            Spring(entry.node, entry.direction, *(_real(value) for value in (entry.k, entry.c, entry.eta)))
+            for entry in model.springs
         ],
         damping=_damping(model.damping),
         parameters=parameters,
@@ -263,7 +273,8 @@ def _solid(folder: Path, model: SolidModel, parameters: Sequence[Parameter]) -> 
     from dynid.units import si_factor
 
     def material(material_model: MaterialModel) -> Material:
-        return Material(material_model.E.real, float(material_model.nu), material_model.rho.real)
+        number = material_model
+        return Material(number.E.real, float(number.nu), number.rho.real, _real(number.eta))
 
     materials = model.materials
     return solid(
@@ -296,7 +307,8 @@ def _attached(model: BeamModel | FrameModel) -> dict[str, Any]:
         "supports": [Support(item.node, tuple(item.fix)) for item in model.supports],
         "masses": [PointMass(item.node, _real(item.m), _real(item.J)) for item in model.masses],
         "springs": [
-            Spring(item.node, item.direction, _real(item.k), _real(item.c)) for item in model.springs
+            Spring(item.node, item.direction, *(_real(value) for value in (item.k, item.c, item.eta)))
+            for item in model.springs
         ],
     }
 
@@ -321,6 +333,7 @@ def _matrices(folder: Path, model: MatricesModel, parameters: Sequence[Parameter
 
     nodes = None if model.nodes is None else folder / model.nodes
     damping = files(model.damping) if isinstance(model.damping, list) else _damping(model.damping)
+    structural = files(model.structural or [])
     if model.model is not None:
         try:
             complete_model = model_files(folder / model.model)
@@ -331,16 +344,21 @@ def _matrices(folder: Path, model: MatricesModel, parameters: Sequence[Parameter
                 labels=labels,
                 parameters=parameters,
                 nodes=nodes or complete_model.nodes,
+                structural=structural or [MatrixPart(file) for file in complete_model.structural],
             )
         except (FileError, UsageError) as error:
-            further_keys = {key for key in ("labels", "damping", "nodes") if getattr(model, key) is not None}
+            further_keys = {
+                key for key in ("labels", "damping", "structural", "nodes") if getattr(model, key) is not None
+            }
             if not further_keys & {*error.names}:
                 error.names = ("model", *error.names)
             raise
     assert model.mass is not None
     assert model.stiffness is not None
     mass, stiffness = files(model.mass), files(model.stiffness)
-    return imported(mass, stiffness, damping, labels=labels, parameters=parameters, nodes=nodes)
+    return imported(
+        mass, stiffness, damping, labels=labels, parameters=parameters, nodes=nodes, structural=structural
+    )
 
 
 _BUILDERS: dict[str, Callable[[Path, Any, Sequence[Parameter]], StructuralModel]] = {
@@ -354,7 +372,11 @@ _BUILDERS: dict[str, Callable[[Path, Any, Sequence[Parameter]], StructuralModel]
 
 
 def add_doubts(result: Result, structure: StructuralModel) -> None:
-    """Add the sentences on what contradicts the nodes of a structure."""
+    """Add the sentences on what contradicts the nodes of a structure, and on dampers that stand for eta."""
+    if structure.viscous_at is not None:
+        at = structure.viscous_at
+        said = f"dampers eta k / omega of {frequency_text(at, 6)} stand for the structural damping"
+        result.annotate("structure/damping", doubt=f"{said}: it is equal at that frequency alone")
     if structure.nodes is not None and structure.nodes.doubts:
         result.annotate("structure/nodes", doubt="; ".join(structure.nodes.doubts))
 
@@ -366,7 +388,9 @@ def _damping(damping: DampingModel | None) -> ProportionalDamping | ModalDamping
         return None
     if damping.ratio is not None:
         return ModalDamping(_each(damping.ratio))
-    return ProportionalDamping(_real(damping.alpha), _real(damping.beta))
+    at = damping.equivalent
+    viscous_at = None if at is None else angular_factor(at.unit) * float(at.at)
+    return ProportionalDamping(_real(damping.alpha), _real(damping.beta), _real(damping.eta), viscous_at)
 
 
 def _each(quantity: Quantity | list[Quantity]) -> Real | list[Real]:

@@ -19,7 +19,7 @@ from dynid.scene.schema.quantities import (
     Value,
     fault,
 )
-from dynid.scene.schema.structure import Direction, LinkModel
+from dynid.scene.schema.structure import Direction, LinkModel, loss_factor
 
 
 def _symmetric(rows: list[list[Quantity]]) -> list[list[Quantity]]:
@@ -120,11 +120,30 @@ def by_direction(raw: Any) -> bool:
     return isinstance(raw, dict) and not raw.keys().isdisjoint(get_args(Direction))
 
 
+def by_directions(value: Any) -> set[str]:
+    """Return the directions of the k or c of a joint between points."""
+    return {*value} if isinstance(value, dict) else set()
+
+
 _JointValues = Annotated[
     Annotated[_JointValue, Tag("whole")] | Annotated[dict[Direction, _JointValue], Tag("components")],
     Discriminator(lambda raw: "components" if by_direction(raw) else "whole"),
 ]
 """One value, or of a joint between points values by direction."""
+
+
+def _loss_factors(value: Any) -> Any:
+    for loss in value.values() if isinstance(value, dict) else [value]:
+        if loss.matrix is not None:
+            raise fault("'eta' is a number: the stiffness 'k' times it dissipates")
+        for key in ("start", "value", "true", "min"):
+            if (number := getattr(loss, key)) is not None:
+                loss_factor(number)
+    return value
+
+
+_JointLoss = Annotated[_JointValues, AfterValidator(_loss_factors)]
+"""Loss factor of a joint's stiffness, or of one between points by direction."""
 
 Vector = Annotated[list[Value], Field(min_length=3, max_length=3)]
 
@@ -151,12 +170,17 @@ class JointModel(LinkModel):
     points: list[str] | None = Field(default=None, min_length=1, max_length=2)
     k: _JointValues | None = None  # type: ignore[assignment]
     c: _JointValues | None = None  # type: ignore[assignment]
+    eta: _JointLoss | None = None  # type: ignore[assignment]
     m: _JointMass | None = None
     axes: Axes | None = None
     at: Vector | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        if isinstance(self.eta, dict) and (
+            self.points is None or not self.eta.keys() <= by_directions(self.k)
+        ):
+            raise fault("'eta' has directions that 'k' has not")
         parts = {"k": self.k, "c": self.c, "m": self.m}
         values = {letter: value for letter, value in parts.items() if value is not None}
         if not values:

@@ -46,18 +46,42 @@ _UncertainPerElement = OneOrList[UncertainPositive]
 _UncertainPerElementOrZero = OneOrList[UncertainNotNegative]
 
 
+def loss_factor(eta: Quantity) -> Quantity:
+    """Refuse a loss factor that is no such."""
+    if float(eta) > MAX_LOSS_FACTOR:
+        raise fault(f"a loss factor lies between 0 and {MAX_LOSS_FACTOR:g}, not at {float(eta):g}")
+    return eta
+
+
+LossFactor = Annotated[UncertainNotNegative, AfterValidator(loss_factor)]
+"""A loss factor of structural damping, which may depend on parameters."""
+
+MAX_LOSS_FACTOR = 2.0
+"""The largest loss factor that is taken for one: that of the most dissipative rubbers and foils is below."""
+
+
+class EquivalentModel(Section):
+    """The frequency at which dampers stand for structural damping."""
+
+    at: Positive
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+
 class DampingModel(Section):
-    """Damping from mass and stiffness (alpha, beta), or damping ratios of the modes."""
+    """Damping from mass and stiffness (alpha, beta, eta), or damping ratios of the modes."""
 
     alpha: UncertainNotNegative | None = None
     beta: UncertainNotNegative | None = None
+    eta: LossFactor | None = None
     ratio: _UncertainPerElementOrZero | None = None
+    equivalent: EquivalentModel | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
-        proportional = self.alpha is not None or self.beta is not None
-        if proportional == (self.ratio is not None):
-            raise fault("damping is either proportional ('alpha', 'beta') or modal ('ratio')")
+        keys = (self.alpha, self.beta, self.eta, self.equivalent)
+        of_matrices = any(key is not None for key in keys)
+        if of_matrices == (self.ratio is not None):
+            raise fault("damping is either proportional ('alpha', 'beta', 'eta') or modal ('ratio')")
         return self
 
 
@@ -89,13 +113,20 @@ class FrameSupport(Section):
     fix: list[Literal["u", "w", "theta"]] = Field(min_length=1)
 
 
+def _needs_stiffness(spring: Any) -> None:
+    if spring.eta is not None and spring.k is None:
+        raise fault("'eta' is the loss factor of a stiffness 'k', which is absent")
+
+
 class _Spring(Section):
     node: _NodeNumber
     k: UncertainSpring | None = None
     c: UncertainSpring | None = None
+    eta: LossFactor | None = None
 
     @model_validator(mode="after")
     def _has_something(self) -> Self:
+        _needs_stiffness(self)
         if self.k is None and self.c is None:
             raise fault("a spring has a stiffness 'k', a damping 'c', or both")
         return self
@@ -120,12 +151,13 @@ class BeamModel(Section):
     length: _UncertainPerElement
     EI: _UncertainPerElement
     rhoA: _UncertainPerElementOrZero
+    eta: OneOrList[LossFactor] | None = None
     supports: list[BeamSupport] = []
     masses: list[PointMassModel] = []
     springs: list[BeamSpring] = []
     damping: DampingModel | None = None
 
-    @field_validator("length", "EI", "rhoA")
+    @field_validator("length", "EI", "rhoA", "eta")
     @classmethod
     def _one_each(cls, values: Any, info: ValidationInfo) -> Any:
         count = info.data.get("elements")
@@ -146,6 +178,7 @@ class MemberModel(Section):
     EA: UncertainPositive
     EI: UncertainPositive
     rhoA: UncertainNotNegative
+    eta: LossFactor | None = None
     elements: int = Field(default=1, ge=1, le=MAX_ELEMENTS, strict=True)
     hinges: list[Literal[1, 2]] = []
 
@@ -207,6 +240,7 @@ class SpaceMemberModel(Section):
     GJ: UncertainPositive
     rhoA: UncertainNotNegative
     rhoJ: UncertainNotNegative | None = None
+    eta: LossFactor | None = None
     orientation: _UncertainVector | None = None
     offsets: Annotated[list[_UncertainVector], Field(min_length=2, max_length=2)] | None = None
     releases: Annotated[list[list[Direction]], Field(min_length=2, max_length=2)] | None = None
@@ -258,6 +292,12 @@ class LinkModel(Section):
     dofs: list[Dof] = Field(min_length=1, max_length=2)
     k: UncertainSpring | None = None
     c: UncertainSpring | None = None
+    eta: LossFactor | None = None
+
+    @model_validator(mode="after")
+    def _has_stiffness(self) -> Self:
+        _needs_stiffness(self)
+        return self
 
     @field_validator("dofs")
     @classmethod
@@ -273,6 +313,7 @@ class LumpedModel(Section):
 
     masses: list[UncertainNotNegative] = Field(min_length=1, max_length=2000)
     links: list[LinkModel] = []
+    damping: DampingModel | None = None
 
     def labels(self) -> list[int | str]:
         """Return the labels of the degrees of freedom."""
@@ -291,6 +332,7 @@ class MaterialModel(Section):
     E: UncertainPositive
     nu: Annotated[Value, AfterValidator(_poisson)]
     rho: UncertainNotNegative
+    eta: LossFactor | None = None
 
 
 class SetSupportModel(Section):
@@ -403,6 +445,7 @@ class MatricesModel(Section):
     mass: Parts | None = None
     stiffness: Parts | None = None
     damping: _DampingMatrix | None = None
+    structural: Parts | None = None
     labels: list[DofLabel] | FilePath | None = None
     nodes: FilePath | None = None
     model: FilePath | None = None
@@ -417,7 +460,7 @@ class MatricesModel(Section):
             raise fault(
                 "the matrices are 'mass' and 'stiffness' (and 'damping'), a 'model' or a 'state_space'"
             )
-        if self.state_space is not None and (self.mass or self.stiffness or self.damping):
+        if self.state_space is not None and (self.mass or self.stiffness or self.damping or self.structural):
             raise fault("a 'state_space' holds mass, stiffness and damping; name no file of these")
         if self.state_space is not None and self.nodes is not None:
             raise fault("a 'state_space' has no 'nodes'; give 'labels'")
