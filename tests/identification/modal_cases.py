@@ -36,8 +36,8 @@ def chain(factor=0.8, *, damping=False, prior=None):
 def true_modes(model, values=None):
     """Poles with Im > 0 and shapes by the eigenvalues of the first-order system, ascending."""
     values = values or {one.name: one.true for one in model.unknowns}
-    M, C, K = (np.asarray(matrix) for matrix in model.with_joints(values))
-    if not C.any():
+    M, C, K = (np.asarray(matrix) for matrix in model.with_joints(values, loss=True))
+    if not C.any() and not np.iscomplexobj(K):
         square, shapes = scipy.linalg.eigh(K, M)
         return 1j * np.sqrt(square), shapes
     n = len(M)

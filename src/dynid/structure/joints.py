@@ -149,22 +149,23 @@ class Joint:
             else:
                 pattern = np.eye(count) / count if letter == "m" else np.outer(direction, direction)
                 block = DependentMatrix(pattern)
-            terms.append(_JointTerm(f"{self.name}.{letter}{component}", letter, values, block))
+            terms.append(_JointTerm(f"{self.name}.{letter}{component}", letter, values, block, letter))
         if isinstance(self.eta, JointParameter):
             block = terms[0].product  # of its stiffness
             letter = "h" if self.viscous_at is None else "c"
             block = block if self.viscous_at is None else block.times(1 / self.viscous_at)
-            terms.append(_JointTerm(f"{self.name}.eta{component}", letter, self.eta, block))
+            terms.append(_JointTerm(f"{self.name}.eta{component}", letter, self.eta, block, "eta"))
         return tuple(terms)
 
 
 class _JointTerm(NamedTuple):
-    """A joint's contribution: name, letter (k, c, m, h), parameter, and the block (d x d) it multiplies."""
+    """A joint's contribution: name, letter (k, c, m, h), parameter, the block (d x d) it multiplies, key."""
 
     name: str
     letter: str
     parameter: JointParameter
     whole: DependentMatrix
+    key: str  # of the joint: k, c, m, eta
 
     @property
     def block(self) -> Array:

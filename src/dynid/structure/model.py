@@ -203,11 +203,11 @@ class StructuralModel(NamedDofs):
                 component.high,
                 component.prior,
                 unit=unit_of(letter, [self.kind(dof) for dof in joint.dofs])
-                if component.matrix is None and component is not joint.eta
+                if component.matrix is None and key != "eta"
                 else "",  # of the factor of a block, of a loss factor
             )
             for joint in self.joints
-            for name, letter, component, _ in joint.terms
+            for name, letter, component, _, key in joint.terms
             if component.start is not None
         )
 
@@ -296,7 +296,7 @@ class StructuralModel(NamedDofs):
             raise UsageError(f"{', '.join(names)}: no unknown parameter has {this}", names=names)
         sums = self._bare(parameter_values)
         for joint in self.joints:
-            for name, letter, component, block_of in joint.terms:
+            for name, letter, component, block_of, _ in joint.terms:
                 value = (
                     parameter_values.get(name)
                     if component.value is None

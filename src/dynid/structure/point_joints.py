@@ -41,8 +41,6 @@ class PointJoint:
     # 12, of one point 6 x 6).
     k: Components | None = None
     c: Components | None = None
-    # Loss factor of the stiffness: one of all its directions, or by direction.
-    eta: Component | Mapping[str, Component] | None = None
     # Mass, half of it at each point; or a block over the motions of its points (6 or 12).
     m: Component | Block | None = None
     # Rows: directions of its frame in basic coordinates (3 x 3), orthonormal and right-handed; default: the
@@ -50,6 +48,8 @@ class PointJoint:
     axes: Array | None = None
     # Where the relative motion is taken, m; default: in the middle.
     at: tuple[float, float, float] | None = None
+    # Loss factor of the stiffness: one of all its directions, or by direction.
+    eta: Component | Mapping[str, Component] | None = None
 
 
 def components(

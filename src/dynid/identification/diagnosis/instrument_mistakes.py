@@ -82,6 +82,10 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
         ):
             return []
     if isinstance(likelihood, FrfLikelihood):
+        from dynid.identification.diagnosis.damping_kinds import other_damping  # of responses alone
+
+        if said := other_damping(likelihood, etas[0]):
+            return said
         likelihood = likelihood.band_limited(BAND_FACTOR) or likelihood
     plain = corrected(likelihood, [[NONE] * record.data.values.shape[1] for record in records])
     try:

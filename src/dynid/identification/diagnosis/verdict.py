@@ -179,6 +179,7 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     yield from _limited_warnings(posterior)
     correlation, relative = posterior.information.correlation(), posterior.relative_errors
     true_elsewhere = _true_optimum(posterior) > 0
+    yield from _alike_damping(posterior)
     for k, name in enumerate(names):
         if errors[k] > _OFF and posterior.identifiable[k] and not true_elsewhere:
             yield f"error of {name}: {errors[k]:.2g} × Cramér–Rao bound"
@@ -199,6 +200,15 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
                     f"{names[j]} and {name} are hardly distinguishable (correlation {rho:.3f}): "
                     f"the {posterior.noun} determines their {combination} better than either"
                 )
+
+
+def _alike_damping(posterior: Posterior) -> Iterator[str]:
+    """Warn of dampers and loss factors of joints that the records hardly distinguish."""
+    if any(".eta" in name for name in posterior.likelihood.names):
+        from dynid.identification.diagnosis.damping_kinds import alike_damping  # of loss factors alone
+
+        errors = np.where(posterior.identifiable, posterior.relative_errors, np.inf)
+        yield from alike_damping(posterior.likelihood, posterior.information.correlation(), errors)
 
 
 def _farthest_value(posterior: Posterior) -> str:

@@ -490,7 +490,7 @@ def with_fixed(model: Model, fixed: Mapping[str, float]) -> Model:
     joints = []
     for joint in changed.joints:
         held = [term for term in joint.terms if term.name in fixed]
-        parts = {term.letter: fix(getattr(joint, term.letter), fixed[term.name]) for term in held}
+        parts = {term.key: fix(getattr(joint, term.key), fixed[term.name]) for term in held}
         joints.append(replace(joint, **parts) if parts else joint)
     return changed.joined(joints)
 

@@ -105,7 +105,11 @@ class StructureSystem(LinearSystem):
     @cached_property
     def affine(self) -> Affine | None:
         """The matrices where every unknown is the factor of a stiffness or damping; else None."""
-        if not self.model.affine or not all(unknown.logarithmic for unknown in self.unknowns):
+        if (
+            self.model.hysteretic  # it has no state equations
+            or not self.model.affine
+            or not all(unknown.logarithmic for unknown in self.unknowns)
+        ):
             return None
         matrices = self.at(dict.fromkeys((unknown.name for unknown in self.unknowns), 0.0))
         return Affine(matrices.A, matrices.B, matrices.C, matrices.D, matrices.A_slopes, matrices.C_slopes)

@@ -114,10 +114,27 @@ def _add_record(
         numbers = "number" if redundancy == 1 else "numbers"
         said = f"{redundancy} {numbers} beyond the unknowns can contradict the model"
     facts.append(Fact("redundancy", said))
+    facts += _of_damping(expected, names)
     by_likelihood = model.measurement.frf is not None or model.measurement.modes is not None
     facts += _of_estimator(model.estimator, frf=by_likelihood)
     identifiable_origin(likelihood)  # checked by a run before it begins
     return likelihood
+
+
+def _of_damping(expected: ExpectedRecords, names: list[str]) -> Iterator[Fact]:
+    """Yield which joints' dampers and loss factors the data will hardly distinguish."""
+    if not any(".eta" in name for name in names):
+        return
+    from dynid.identification.diagnosis.damping_kinds import alike_damping
+
+    information = expected.information()
+    bounds = information.bounds()  # of the coordinates: of logarithms the relative ones
+    none = np.zeros((len(bounds), len(bounds)))
+    correlation = information.correlation() if np.isfinite(bounds).all() else none
+    yield from (
+        Fact("damping", f"warning: {text}")
+        for text in alike_damping(expected.likelihood, correlation, bounds)
+    )
 
 
 def _of_model(

@@ -155,7 +155,7 @@ def _joint(name: str, joint: JointModel) -> Any:
         raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
     axes = None if joint.axes is None else _axes(name, joint.axes)
     at = None if joint.at is None else _vector(joint.at)
-    return PointJoint(name, tuple(joint.points or ()), k, c, eta, m, axes, at)
+    return PointJoint(name, tuple(joint.points or ()), k, c, m, axes, at, eta)
 
 
 def _axes(name: str, axes: Axes | AxesModel) -> Array:

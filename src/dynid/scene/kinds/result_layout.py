@@ -238,9 +238,9 @@ LAYOUT: dict[str, str] = {
     ),
     "reduction": "method dof solver seconds peak_megabytes doubt",
     "reduction/<method>": (
-        "T mass damping stiffness structural_damping masters master modes basis_mode condition frequencies reference "
-        "frequency_uncertainty reference_uncertainty frequency_error mac orthogonality energy_error "
-        "coordinate column mode full_mode part mass_without_joints damping_without_joints "
+        "T mass damping stiffness structural_damping masters master modes basis_mode condition frequencies "
+        "reference frequency_uncertainty reference_uncertainty frequency_error mac orthogonality "
+        "energy_error coordinate column mode full_mode part mass_without_joints damping_without_joints "
         "stiffness_without_joints rule doubt seconds peak_megabytes"
     ),
     "reduction/frf": "omega output input unit full frac",
