@@ -72,7 +72,7 @@ MARGINS = frozenset(
     {"loop", "stable", "stability", "unstable_poles", "gain", "gain_reduction", "phase", "delay", "modulus"}
     | {"gain_crossover", "phase_crossover", "modulus_at", "Ms", "Mt", "Mt_at", "undefined"}
     | {"crossing_gain_below", "crossing_gain_above", "undecided"}
-    | {"pole", "poles", "poles_error_bound", "approximants_agree", "approximate"}
+    | {"pole", "poles", "poles_error_bound", "approximate"}
 )
 
 Engine = Literal["auto", "exact", "float", "symbolic"]

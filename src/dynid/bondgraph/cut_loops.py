@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import coded
 from dynid.arithmetic.numbers import rounded as rounded_number
-from dynid.bondgraph.controller_circuits import PADE_ORDER, Loop, pade
+from dynid.bondgraph.controller_circuits import Loop, pade
 from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.reduced_graph import (
     ReducedGraph,
@@ -29,7 +29,7 @@ from dynid.bondgraph.reduced_graph import (
     parts_without_output,
     separate_parts,
 )
-from dynid.errors import Singular, Undecided
+from dynid.errors import Singular
 from dynid.lti.axis_boxes import Work
 from dynid.lti.certified_roots import certified_roots
 from dynid.lti.delay_stability import COUNT, stability
@@ -216,18 +216,6 @@ class CutLoops:
         hidden = certified_roots(self.unmoved(modes))
         verdicts = [self.shown, *([verdict(hidden)] if hidden else [])]
         return combined([*verdicts, *([] if others is not None else [no_solution(self.reduced.free)])])
-
-    def approximants_agree(self, work: Work) -> bool:
-        """Test whether the Padé approximants of delays have as many poles to the right as the loops.
-
-        They count as different where their roots cost too much.
-        """
-        (polynomial,) = rational(rounded([self.closed]), PADE_ORDER)
-        try:
-            roots = certified_roots(polynomial, work=work)
-        except Undecided:
-            return False
-        return self.shown.unstable_poles == sum(root.multiplicity for root in roots if root.side > 0)
 
     def check(self) -> None:
         """Raise where a loop passes through no delay and no storage element, and has no solution.

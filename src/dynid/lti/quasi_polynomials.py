@@ -65,6 +65,10 @@ class QuasiPolynomial:
         """Return it divided by a polynomial that divides every term."""
         return QuasiPolynomial({loops: polynomial // factor for loops, polynomial in self.products.items()})
 
+    def times(self, factor: Any) -> QuasiPolynomial:
+        """Return it times a polynomial."""
+        return QuasiPolynomial({loops: polynomial * factor for loops, polynomial in self.products.items()})
+
     @property
     def degree(self) -> int:
         """The largest degree of its polynomials; -1 of zero."""
@@ -108,7 +112,7 @@ class QuasiPolynomial:
 
 def common_factor(parts: Iterable[QuasiPolynomial]) -> Any:
     """Return the greatest common divisor of all polynomials of some quasi-polynomials."""
-    polynomials = [polynomial for terms in parts for polynomial in terms.terms.values()]
+    polynomials = [polynomial for terms in parts for polynomial in terms.products.values()]
     if not polynomials:
         return fmpz_poly([1])
     factor = 0 * polynomials[0]

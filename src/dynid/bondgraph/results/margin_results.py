@@ -18,19 +18,20 @@ from dynid.bondgraph.controller_circuits import PADE_ORDER, close_loops
 from dynid.bondgraph.cut_loops import CutLoops, rational, rounded
 from dynid.bondgraph.exact_engine import exact_channels
 from dynid.bondgraph.reduced_graph import ReducedGraph
-from dynid.bondgraph.results.system import SYSTEM, add_system, system_text
+from dynid.bondgraph.results.delayed_channels import listed_roots, true_channels
+from dynid.bondgraph.results.system import add_system
 from dynid.errors import Undecided
 from dynid.lti.axis_boxes import Work
 from dynid.lti.certified_roots import certified_roots, repeated, root_balls
 from dynid.lti.delay_margins import SEARCH, delay_margins
-from dynid.lti.delay_stability import rightmost_roots, stability
+from dynid.lti.delay_stability import stability
 from dynid.lti.enclosures import EVALUATIONS
 from dynid.lti.margins import CHANGES, Margins, margins
 from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, on_axis
 from dynid.lti.stability import Verdict
 from dynid.number_format import counted, roots_text
 from dynid.progress import tracked
-from dynid.result import Result, as_kept
+from dynid.result import Result, Variable, as_kept
 
 MARGINS, FUNCTIONS, LOCUS = "bond_graph/margins", "bond_graph/sensitivity_functions", "bond_graph/root_locus"
 #: Roots of polynomials up to which margins of loops without delays are computed, some seconds, and about how
@@ -49,8 +50,6 @@ _FREQUENCY_POINTS, _GAINS = 400, 121
 _MEETING_OFFSETS = (1e-3, 1e-2)
 #: Largest degree of a root locus.
 _MAX_LOCUS_DEGREE = 60
-#: Poles of loops with delays that are listed, and the order of the approximants whose poles lead to them.
-_MAX_LISTED_POLES, _STARTS_ORDER = 20, 12
 
 
 def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None) -> None:
@@ -84,7 +83,6 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     work = Work(_ROOT_WORK, EVALUATIONS)
     if not closed.is_rational:
         _add_roots(result, closed, system.unstable_poles, work)
-        result.annotate(MARGINS, approximants_agree=cut.approximants_agree(work))
     omega = _frequencies(functions, loop_margins, work) if omega is None else omega
     _add_functions(result, names, functions, omega)
     poles = 0
@@ -164,15 +162,7 @@ def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float, work: W
     """Add the rightmost roots of the characteristic function with its delays; none of infinitely many."""
     if math.isinf(unstable):
         return
-    others, starts = "others may lie between them", list[complex]()
-    try:
-        starts = _values(root_balls(rational([closed], _STARTS_ORDER)[0], work=work))
-    except Undecided as error:
-        others = error.problem
-    roots, line = rightmost_roots(closed, starts, _MAX_LISTED_POLES)
-    right = sum(root.value.real > 0 for root in roots)
-    if unstable > right:
-        others = f"{int(unstable)} lie in the right half-plane, of which these are {right}"
+    roots, line, others = listed_roots(closed, unstable, work)
     note = (
         f"all poles of the closed loops with a real part above {line:.6g} rad/s, with their delays"
         if np.isfinite(line)
@@ -308,17 +298,14 @@ _EXACT = (
 def with_delays(result: Result, analysis: Analysis) -> Result:
     """Return a result in which what is approximate is marked, and limits and verdicts are true."""
     text = approximation()
-    true = _high_frequencies(result, analysis)
-    if not result.group_attrs.get(MARGINS, {}).get("approximants_agree", True):
-        stable = result.value(f"{SYSTEM}/stable")
-        for path in result:
-            if path.startswith("bond_graph/properties/"):
-                true |= {path: stable} if path.endswith("/stable") else {}
-                true |= {path: system_text(result)} if path.endswith("/stability") else {}
+    assert analysis.opened is not None
+    opened = analysis.opened.rounded() if analysis.reading == "binary" else analysis.opened
+    true = true_channels(result, analysis, opened) | _high_frequencies(result, analysis)
     marked_result = Result(result.kind, result.title, result.attrs)
     for path, variable in result.items():
         if path in true:
-            marked_result.put(path, replace(variable, data=as_kept(true[path])))
+            if (replacement := true[path]) is not None:
+                marked_result.put(path, replacement)
         elif _approximate(path) and not path.endswith(_EXACT):
             attributes = {**variable.attrs, "approximate": text}
             marked_result.put(path, replace(variable, attrs=attributes))
@@ -338,7 +325,7 @@ def _approximate(path: str) -> bool:
     return path.startswith("bond_graph/") and path != "bond_graph/" and not path.startswith(_TRUE)
 
 
-def _high_frequencies(result: Result, analysis: Analysis) -> dict[str, Any]:
+def _high_frequencies(result: Result, analysis: Analysis) -> dict[str, Variable | None]:
     """Return relative degrees and high-frequency gains, to which nothing with a delay contributes."""
     if not any(path.startswith("bond_graph/properties/") for path in result):
         return {}
@@ -349,10 +336,10 @@ def _high_frequencies(result: Result, analysis: Analysis) -> dict[str, Any]:
     ]
     closed = close_loops(analysis.opened, base)
     reduced = ReducedGraph(closed.graph, analysis.inputs, analysis.outputs, traced=False)
-    true_values: dict[str, Any] = {}
+    true_values: dict[str, Variable | None] = {}
     for (port, source), transfer in exact_channels(reduced).items():
         for name in ("relative_degree", "high_frequency_gain"):
             path = f"bond_graph/properties/{port}/{source}/{name}"
             if path in result:
-                true_values[path] = getattr(transfer, name)
+                true_values[path] = replace(result[path], data=as_kept(getattr(transfer, name)))
     return true_values
