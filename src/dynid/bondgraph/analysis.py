@@ -150,7 +150,12 @@ def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) 
     if asked & {"step_info", "bandwidth"}:
         from dynid.bondgraph.results.characteristics import add_characteristics
 
-        add_characteristics(result, reduced, asked)
+        steps = None
+        if "step_info" in asked and any(loop.delayed for loop in analysis.loops):
+            from dynid.bondgraph.results.delayed_channels import channel_steps
+
+            steps = channel_steps(reduced, analysis, _opened(analysis))
+        add_characteristics(result, reduced, asked, steps)
     if asked & {"energy", "source_performance"}:
         from dynid.bondgraph.results.energy import add_energy, add_source_performance
 

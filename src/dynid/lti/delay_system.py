@@ -95,6 +95,19 @@ class DelaySystem:
         """Return it with these inputs u; a name that repeats is several inputs that act alike."""
         return replace(self, lft=self.lft.with_inputs([*names, *self.lft.inputs[self.inputs :]]))
 
+    def with_outputs(self, rows: Sequence[int]) -> DelaySystem:
+        """Return it with these of its outputs y."""
+        lft, rows = self.lft, [*rows, *range(self.outputs, len(self.lft.C))]
+        kept = replace(
+            lft,
+            C=lft.C[rows],
+            D=lft.D[rows],
+            higher=tuple(matrix[rows] for matrix in lft.higher),
+            outputs=tuple(lft.outputs[row] for row in rows),
+            output_units=tuple(lft.output_units[row] for row in rows),
+        )
+        return replace(self, lft=kept)
+
     def _break_orders(self) -> Array:
         """Return by how many orders a jump of each input is smoother in each output (outputs x inputs)."""
         lft = self.lft

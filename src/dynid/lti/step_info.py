@@ -20,6 +20,15 @@ from dynid.lti.stability import SidedRoot, stability
 
 #: The band around the final value, and the levels between which the response rises, relative to it.
 BAND, LOW, HIGH = 0.02, 0.1, 0.9
+#: Why a step response has no characteristics.
+NO_STEADY_STATE = (
+    "there is no steady state; {}; stabilise it by damping or by the gains of a feedback, or take a time "
+    "response"
+)
+IMPROPER = (
+    "the response to a step has an impulse (the channel is improper); take the impulse response, or another "
+    "output"
+)
 #: An envelope below this is a response at rest.
 _MIN_ENVELOPE = 1e-280
 
@@ -53,17 +62,14 @@ def step_info(numerator: Any, denominator: Any) -> StepInfo:
         return StepInfo("undefined: the input does not reach the output")
     poles: tuple[SidedRoot, ...] = certified_roots(denominator)
     if not all(pole.side == -1 for pole in poles):
-        why = f"there is no steady state; {stability(poles)}"
-        remedy = "stabilise it by damping or by the gains of a feedback, or take a time response"
-        return StepInfo(f"undefined: {why}; {remedy}")
+        return StepInfo(f"undefined: {NO_STEADY_STATE.format(stability(poles))}")
     if numerator.degree() > denominator.degree():
-        why = "the response to a step has an impulse (the channel is improper)"
-        return StepInfo(f"undefined: {why}; take the impulse response, or another output")
+        return StepInfo(f"undefined: {IMPROPER}")
     if not poles:
         value = _quotient(numerator[0], denominator[0])
         return StepInfo("defined", value, value, 0.0, 0.0, 0.0, 0.0, 0.0, value, 0.0)
     try:
-        return _Step(numerator, denominator).info()
+        return Step(numerator, denominator).info()
     except NumericalError as error:
         return StepInfo(f"not computed: {error.problem}")
 
@@ -72,7 +78,7 @@ def _quotient(above: Any, below: Any) -> float:
     return int(above) / int(below)
 
 
-class _Step:
+class Step:
     """A step response of which the characteristics are sought."""
 
     def __init__(self, numerator: Any, denominator: Any) -> None:

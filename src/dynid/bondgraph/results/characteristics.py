@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 
 from dynid.bondgraph.exact_engine import exact_channels
-from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.lti.margins import Bandwidth, bandwidth
 from dynid.lti.step_info import StepInfo, step_info
 from dynid.progress import tracked
@@ -29,8 +30,15 @@ STATUSES = {
 CHARACTERISTICS = frozenset({*STATUSES, *STATUSES.values()})
 
 
-def add_characteristics(result: Result, reduced: ReducedGraph, asked: frozenset[str]) -> None:
+def add_characteristics(
+    result: Result,
+    reduced: ReducedGraph,
+    asked: frozenset[str],
+    steps: Mapping[Channel, StepInfo] | None = None,
+) -> None:
     """Add `step_info` and `bandwidth`, as requested, of every channel from its exact transfer function.
+
+    `steps`: the characteristics of steps where the channels have delays.
 
     What is not defined is left out, and `step_status` or `bandwidth_status` names the reason; the names of
     which it is the status are its attribute `status_of`.
@@ -39,7 +47,8 @@ def add_characteristics(result: Result, reduced: ReducedGraph, asked: frozenset[
         group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
         characteristics: list[tuple[str, StepInfo | Bandwidth]] = []
         if "step_info" in asked:
-            characteristics.append(("step_status", step_info(transfer.numerator, transfer.denominator)))
+            step = steps[channel] if steps else step_info(transfer.numerator, transfer.denominator)
+            characteristics.append(("step_status", step))
         if "bandwidth" in asked:
             characteristics.append(("bandwidth_status", bandwidth(transfer.numerator, transfer.denominator)))
         for status, values in characteristics:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,17 +17,21 @@ from dynid.arithmetic.numbers import rounded as rounded_number
 from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.controller_circuits import Loop
 from dynid.bondgraph.cut_loops import CutLoops, controller, rational, rounded
+from dynid.bondgraph.delayed_states import delay_system
+from dynid.bondgraph.exact_engine import exact_channels
 from dynid.bondgraph.graph import BondGraph, Port
-from dynid.bondgraph.reduced_graph import Channel
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.bondgraph.results.channels import add_roots, natural_frequencies, time_constants
 from dynid.errors import Undecided
 from dynid.lti.axis_boxes import Work
 from dynid.lti.certified_roots import certified_roots, root_balls
 from dynid.lti.delay_stability import COUNT, rightmost_roots, stability
+from dynid.lti.delayed_step import delayed_steps
 from dynid.lti.enclosures import EVALUATIONS
 from dynid.lti.quasi_polynomials import QuasiPolynomial, RefinedRoot, coprime
 from dynid.lti.stability import SidedRoot, Verdict, verdict, zero_stability
 from dynid.lti.stability import stability as stability_text
+from dynid.lti.step_info import NO_STEADY_STATE, StepInfo
 from dynid.result import Result, Variable
 
 #: Roots that are listed, and the order of the approximants whose roots lead to them.
@@ -103,11 +108,11 @@ class DelayedChannels:
                 ),
             )
         else:
-            above = QuasiPolynomial({product - shared: p for product, p in above.products.items()})
+            above = QuasiPolynomial({chosen - shared: p for chosen, p in above.products.items()})
         return replace(self._roots(above), dead_time=dead_time + late), self._roots(below)
 
     def _roots(self, function: QuasiPolynomial) -> ListedRoots:
-        key = str(sorted((sorted(product), str(p)) for product, p in function.products.items()))
+        key = str(sorted((sorted(loops), str(p)) for loops, p in function.products.items()))
         if key not in self._listed:
             self._listed[key] = self._list(function)
         return self._listed[key]
@@ -174,6 +179,40 @@ def true_channels(result: Result, analysis: Analysis, opened: BondGraph) -> dict
             if path.startswith((f"{roots}/", f"{properties}/")) and name in _REPLACED:
                 replaced[path] = arrays.get(path)
     return replaced
+
+
+def channel_steps(reduced: ReducedGraph, analysis: Analysis, opened: BondGraph) -> dict[Channel, StepInfo]:
+    """Return the characteristics of the step responses of all channels, with their delays."""
+    system, _ = delay_system(opened, analysis.loops, reduced.inputs, reduced.outputs)
+    transfers = exact_channels(reduced)  # approximants are exact at s = 0
+    ports = {port: _opened_port(port, opened) for port in reduced.outputs}
+    ports = {port: within for port, within in ports.items() if within.node in opened.nodes}
+    channels = DelayedChannels(opened, analysis, product(ports.values(), reduced.inputs))
+    steps: dict[Channel, StepInfo] = {}
+    for source in reduced.inputs:
+        stable, slowest = [], -math.inf
+        for port in reduced.outputs:
+            steps[port, source] = StepInfo("not computed: a signal of a loop")
+            if port not in ports:
+                continue
+            zeros, poles = channels.zeros_and_poles((ports[port], source))
+            if zeros.verdict.kind == "undefined":
+                steps[port, source] = StepInfo(f"undefined: {zeros.verdict.reason}")
+            elif not poles.verdict.stable:
+                steps[port, source] = StepInfo(f"undefined: {NO_STEADY_STATE.format(_stability(poles))}")
+            elif poles.note and not poles.roots:
+                steps[port, source] = StepInfo(f"not computed: {poles.note}")
+            else:
+                stable.append(port)
+                slowest = max([slowest, *(root.value.real for root in poles.roots)])
+        if stable:
+            alone = system.with_inputs([source]).with_outputs(
+                [reduced.outputs.index(port) for port in stable]
+            )
+            finals = [transfers[port, source].dc_gain for port in stable]
+            infos = delayed_steps(alone, finals, slowest)
+            steps |= {(port, source): info for port, info in zip(stable, infos, strict=True)}
+    return steps
 
 
 def _stability(poles: ListedRoots) -> str:

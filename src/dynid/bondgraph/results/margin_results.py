@@ -291,6 +291,8 @@ _TRUE = tuple(
 #: Arrays and verdicts of channels that approximants do not change, or that are replaced by the true ones.
 _EXACT = (
     *("/stable", "/stability", "/dc_gain", "/output", "/input", "/warnings", "/approximations"),
+    *("/step_status", "/initial_value", "/rise_time", "/settling_time", "/transient_time"),
+    *("/overshoot", "/undershoot", "/peak", "/peak_time"),
     *("/final_value", "/parameter", "/value", "/dc_gain_sensitivity", "/dc_gain_sensitivity_relative"),
 )
 
