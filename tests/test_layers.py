@@ -28,7 +28,7 @@ LAYERS = [
     {"structure"},
     {"bondgraph"},
     {"identification"},
-    {"files", "library"},
+    {"files", "library", "modal"},
     {"scene"},
     {"store", "checks", "templates", "topics"},
     {"study"},

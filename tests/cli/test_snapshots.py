@@ -33,6 +33,7 @@ SCENES = {
     "identification": CONFIGS / "suspension_noisy.yaml",
     "identification-graph": CONFIGS / "motor_shaft.yaml",
     "modes": CONFIGS / "chain_modes.yaml",
+    "modal-analysis": TEMPLATES / "modal-analysis.yaml",
 }
 NUMBER = re.compile(r"(?<![\w.])[-+−]?\d+(?:[ ,]\d{3})*(?:\.\d+)?(?:e[-+]?\d+)?")
 # An estimated error is of the size of rounding, which differs between processors.

@@ -95,6 +95,20 @@ expect:
   - {path: synthesis/brune/residual, max: 1.0e-12}
 """
 
+MODAL = """\
+dynid: 1
+kind: modal-analysis
+title: Modes of a chain
+measurement:
+  channels:
+    - {dof: 1, quantity: acceleration, reference: {dof: 3}}
+    - {dof: "12:-z", quantity: velocity, reference: {dof: 3}, gain: 2}
+  noise: {kind: proportional, ratio: 0.02}
+  frf: {file: {path: f.csv, frequency: f, columns: [[a, b], [c, d]]}, unit: Hz}
+band: {low: 2, high: 45, unit: Hz}
+modes: {shapes: real, reciprocal: auto}
+"""
+
 STUDY = """\
 dynid: 1
 kind: study

@@ -14,9 +14,15 @@ from dynid.scene.load import check_source
 from dynid.scene.schema.json_schema import scene_schema
 from dynid.scene.yaml.source import apply_overrides, parse_source
 from dynid.scene.yaml.writer import dump
-from tests.scene.example_scenes import ISOLATOR, JOINTS, REDUCTIONS, STUDY, SYNTHESIS, check, faults_of
+from tests.scene.example_scenes import ISOLATOR, JOINTS, MODAL, REDUCTIONS, STUDY, SYNTHESIS, check, faults_of
 
-EXAMPLES = {"bond-graph": ISOLATOR, "identification": JOINTS, "reduction": REDUCTIONS, "synthesis": SYNTHESIS}
+EXAMPLES = {
+    "bond-graph": ISOLATOR,
+    "identification": JOINTS,
+    "reduction": REDUCTIONS,
+    "synthesis": SYNTHESIS,
+    "modal-analysis": MODAL,
+}
 WRONG = [
     None, True, -1, 0, 1.5, 10**399, 1e300, 5e-324, math.nan, math.inf, "", "x", "9**9**9", "1/0",
     "on", "{message}",

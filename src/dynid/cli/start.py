@@ -171,7 +171,12 @@ _CHAIN = "chain"
 #: Schema file beside the scene, for completion in editors.
 _SCHEMA = "dynid.schema.json"
 #: Data files that templates read.
-_COMPANIONS = {"record": ("record.csv",), "frf": ("frf.csv",), "study": ("bond-graph.yaml",)}
+_COMPANIONS = {
+    "record": ("record.csv",),
+    "frf": ("frf.csv",),
+    "modal-analysis": ("frf.csv",),
+    "study": ("bond-graph.yaml",),
+}
 
 
 def _folder() -> Traversable:
@@ -221,6 +226,7 @@ def new(
     identification-graph  values of a bond graph: motor, gear, flexible shaft
     record                joints from a measured record, its samples in record.csv
     frf                   joints from frequency responses, stored in frf.csv
+    modal-analysis        modes with their covariance, from the same responses
     beam                  joints of a beam, identified on a reduced model
     study                 a parameter study of the motor, Latin hypercube
     """  # noqa: D301 - click's mark against wrapping

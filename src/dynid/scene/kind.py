@@ -103,6 +103,15 @@ _KINDS = (
         content="dynid.report.content.synthesis",
     ),
     Kind(
+        "modal-analysis",
+        template="modal-analysis.yaml",
+        model="dynid.scene.schema.modal_analysis:ModalAnalysisScene",
+        run="dynid.scene.kinds.modal_analysis:run",
+        explain="dynid.scene.explanations.modal_analysis:explain",
+        prepare="dynid.scene.kinds.modal_analysis:preparation_steps",
+        content="dynid.report.content.modal_analysis",
+    ),
+    Kind(
         "study",
         template="study.yaml",
         model="dynid.scene.schema.study:StudyScene",

@@ -18,7 +18,7 @@ from dynid.scene.kind import KINDS, resolve
 #: Longest list of names of what a model omits; longest line with the reasons, and without them; characters.
 _NAMES, _LINE, _PARTS = 200, 106, 59
 #: Arrays of warnings.
-_OF_GRAPH = ("bond_graph/warnings", "bond_graph/design/warnings")
+_OF_GRAPH = ("bond_graph/warnings", "bond_graph/design/warnings", "modal/warnings")
 _OF_IDENTIFICATION = "identification/diagnostics/warnings"
 #: Parts of models in words, by kind of result.
 _PARTS_IN_WORDS = {("", "storages"): "storage elements", ("identification", "engines"): "estimation methods"}

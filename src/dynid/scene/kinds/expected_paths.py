@@ -54,6 +54,7 @@ _ROOTS: dict[str, tuple[str, ...]] = {
     "identification": ("identification",),
     "reduction": ("reduction",),
     "synthesis": ("synthesis",),
+    "modal": ("modal-analysis",),
     "structure": ("bond-graph", "identification", "reduction"),
     "accuracy": ("bond-graph", "identification", "reduction"),
 }

@@ -251,6 +251,14 @@ LAYOUT: dict[str, str] = {
     ),
     "synthesis/<form>": f"element type value exact node node_type bond residual scene {_RATIO}",
     "synthesis/need": _NEED,
+    # Modal analyses.
+    "modal": (
+        "mode channel reference frequency frequency_standard_error damping damping_standard_error shape "
+        "shape_standard_error complexity warnings noise reciprocal"
+    ),
+    "modal/covariance": "common by_channel",
+    "modal/chart": "order chain pole",
+    "modal/fit": "omega measured synthesis chi2 degrees lacks_fit reciprocity",
     # Accuracy of alternatives.
     "accuracy": "repeats budget",
     "accuracy/<aspect>": "alternative status title size measure because reference",
@@ -265,7 +273,7 @@ OF_RECORDS = frozenset(
 RECORD = "record_"
 LAYOUT |= {f"{group}/<record>": LAYOUT[group] for group in OF_RECORDS}
 #: Attributes of arrays.
-ATTRIBUTES = frozenset({"note", "undefined", "per", "status_of", "terms", "approximate"})
+ATTRIBUTES = frozenset({"note", "undefined", "per", "status_of", "terms", "approximate"} | {"normalisation"})
 #: Attributes of a result itself.
 ROOT_ATTRIBUTES = frozenset(
     {"dynid_version", "format", "kind", "title", "created", "status", "python", "packages", "seed"}

@@ -1,0 +1,1 @@
+"""Modal analysis of measured frequency responses: modes with their covariance."""

@@ -1,0 +1,90 @@
+"""Frequency responses between responses and references at common lines, with the deviation of their noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from dynid.arrays import Array, ComplexArray
+from dynid.errors import UsageError
+
+#: Odd number of lines over which a relative variance by line is averaged. Unsmoothed variances of few
+#: averages favour lines where the noise is small by chance: bars of three averages cover 58 % instead of 95.
+SMOOTHED_LINES = 15
+# Least lines: a pair has eight real residual terms, and a mode at least two more parameters.
+_MIN_LINES = 20
+# Coefficients of the third difference, which removes what is smooth over four lines.
+_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])
+# Median of |n|^2 of complex Gaussian noise over its mean.
+_MEDIAN_OF_SQUARE = float(np.log(2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class FrfMatrix:
+    """Receptances of all responses to all references."""
+
+    omega: Array  # lines (L), rad/s, above 0, increasing
+    values: ComplexArray  # receptances (L x responses x references), NaN where missing
+    deviation: Array  # of the complex noise, root of E |n|^2 (as `values`), in `scale`
+    # Factor of the deviations (responses x references), estimated from the data where it is unknown.
+    scale: Array
+    estimated: bool = False  # True if the scale is estimated
+    # True if the deviations from line to line are known up to the scale; else they are those here, or in
+    # proportion to the response, whichever is more likely.
+    shaped: bool = True
+
+    #: Deviations where those from line to line are unknown; default: `deviation`.
+    first: Array | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.omega) < _MIN_LINES:
+            raise UsageError(
+                f"the band has {len(self.omega)} lines, and a modal analysis needs {_MIN_LINES}",
+                remedy="Widen the band, or measure with a finer resolution.",
+                names=("band",),
+            )
+
+    @property
+    def flat(self) -> Array:
+        """Deviations as they were first given."""
+        return self.deviation if self.first is None else self.first
+
+    @cached_property
+    def weights(self) -> Array:
+        """Weights of real and imaginary parts (as `values`), 1 over their deviations; 0 where missing."""
+        there = np.isfinite(self.values) & np.isfinite(self.deviation) & (self.deviation > 0)
+        deviation = np.where(there, self.deviation * self.scale, 1.0)
+        return np.asarray(np.where(there, np.sqrt(2.0) / deviation, 0.0))
+
+    @cached_property
+    def weighted(self) -> ComplexArray:
+        """Values in units of the deviations of their parts; 0 where missing."""
+        return np.asarray(np.where(self.weights > 0, self.values, 0.0) * self.weights)
+
+    @property
+    def count(self) -> int:
+        """Number of real values."""
+        return 2 * int(np.count_nonzero(self.weights))
+
+    def with_scale_of_differences(self) -> FrfMatrix:
+        """Return the responses with scales of the noise by third differences along the lines."""
+        ratio = np.zeros_like(self.values)
+        differences = sum(c * self.values[k : len(self.omega) - 3 + k] for k, c in enumerate(_DIFFERENCE))
+        variance = sum(
+            c**2 * self.deviation[k : len(self.omega) - 3 + k] ** 2 for k, c in enumerate(_DIFFERENCE)
+        )
+        ratio = np.abs(differences) ** 2 / np.where(variance > 0, variance, np.nan)
+        squares = np.nanmedian(ratio, axis=0) / _MEDIAN_OF_SQUARE
+        return replace(self, scale=np.sqrt(np.where(squares > 0, squares, 1.0)), estimated=True)
+
+
+def smoothed_variance(variance: Array, values: ComplexArray) -> Array:
+    """Return variances by line (L x …) whose ratio to the squared response is averaged over lines."""
+    square = np.abs(values) ** 2
+    ratio = np.where(square > 0, variance / np.where(square > 0, square, 1.0), np.nan)
+    half = SMOOTHED_LINES // 2
+    padded = np.pad(ratio, ((half, half), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, SMOOTHED_LINES, axis=0)
+    return np.asarray(np.nanmean(windows, axis=-1) * square)

@@ -1,0 +1,153 @@
+"""Modes from frequency responses: from the chart of poles to modes in the scale of results.
+
+The steps: poles of increasing orders (`plscf`), chains of them (`chains`), maximum likelihood with as many
+poles as chi-squared asks for (`selection`), reciprocity where the data do not contradict it, scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from dynid.arrays import ComplexArray
+from dynid.errors import NumericalError
+from dynid.modal.chains import Chart, chart_of
+from dynid.modal.frf_matrix import FrfMatrix
+from dynid.modal.modal_model import ModalFit, ModalModel
+from dynid.modal.plscf import poles_by_order
+from dynid.modal.reported_modes import ReportedModes, reported_modes
+from dynid.modal.selection import degrees, in_band, select_modes
+from dynid.progress import report_progress
+
+# Highest orders of the chart, and the number of chains from which the second counts.
+_ORDERS, _MANY_CHAINS = (40, 60), 15
+# Least lines for each order, so that a denominator has fewer unknowns than there are data.
+_LINES_OF_ORDER = 4
+#: Level of the tests of reciprocity: below it a record is not taken for reciprocal.
+RECIPROCITY_LEVEL = 1e-3
+# Standard deviations of chi-squared over its degrees of freedom up to which a fit has no lack of fit.
+_LACK_OF_FIT = 4.0
+# Repetitions of the fit with noise in proportion to the fitted responses instead of the measured ones.
+_PROPORTIONAL_FITS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class ModalAnalysis:
+    """Modes of a band, with what they rest on."""
+
+    modes: ReportedModes
+    chart: Chart
+    model: ModalModel
+    fit: ModalFit
+    bar_scale: float  # factor of standard errors for the lack of fit; 1 without one
+    reciprocity: float  # p-value of reciprocity, NaN where it is not tested
+
+    @property
+    def degrees(self) -> int:
+        """Degrees of freedom of chi-squared."""
+        return degrees(self.model, self.fit)
+
+    @property
+    def reduced_chi2(self) -> float:
+        """Chi-squared over its degrees of freedom."""
+        return self.fit.chi2 / self.degrees
+
+
+def analyse(
+    frf: FrfMatrix,
+    driving_points: Sequence[tuple[int, int]],
+    *,
+    real: bool = False,
+    reciprocal: bool | Literal["auto"] = "auto",
+    proportional: bool = False,
+) -> ModalAnalysis:
+    """Return the modes that frequency responses show, with their covariance.
+
+    Parameters
+    ----------
+    frf
+        Receptances of a band with the deviations of their noise.
+    driving_points
+        Response and reference of each DOF that is both.
+    real
+        Shapes are real.
+    reciprocal
+        Responses to forces at two references are equal if these are exchanged; ``auto``: if a test at the
+        level 0.001 does not contradict it.
+    proportional
+        The deviation of the noise is in proportion to the response.
+
+    Raises
+    ------
+    NumericalError
+        Where the band has no mode.
+    """
+    if frf.estimated:
+        frf = frf.with_scale_of_differences()
+    chart = _chart(frf)
+    starts = chart.starts
+    if not len(starts):
+        raise NumericalError(
+            "no pole is stable over the orders of the chart",
+            remedy="Choose the band by the peaks of the responses, and check columns, units and noise.",
+        )
+    report_progress(f"maximum likelihood, {len(starts)} poles")
+    model, fit = select_modes(frf, starts, real=real)
+    for _ in range(_PROPORTIONAL_FITS if proportional else 0):
+        synthesis = np.abs(model.synthesis(fit))
+        ratio = np.nanmedian(model.frf.deviation / np.abs(model.frf.values), axis=0)
+        model = ModalModel(replace(model.frf, deviation=ratio * synthesis), real=real)
+        fit = model.fit(fit.poles, fit.participation)
+    tested = float("nan")
+    if len(driving_points) > 1 and reciprocal is not False:
+        own = ModalModel(model.frf, real=real, reciprocal=driving_points)
+        constrained = own.fit(fit.poles, _reciprocal_participation(fit, driving_points))
+        tested = _p_value(constrained.chi2 - fit.chi2, fit.parameters - constrained.parameters)
+        if reciprocal is True or tested >= RECIPROCITY_LEVEL:
+            model, fit = own, constrained
+    order = np.argsort(fit.poles.imag, kind="stable")
+    fit = model.evaluate(fit.poles[order], fit.participation[:, order], fit.free[:, order])
+    free_degrees = degrees(model, fit)
+    ratio = fit.chi2 / free_degrees
+    bar_scale = float(np.sqrt(ratio)) if ratio > 1 + _LACK_OF_FIT * np.sqrt(2 / free_degrees) else 1.0
+    modes = np.flatnonzero(in_band(fit.poles, frf) & (fit.poles.real < 0))
+    if not len(modes):
+        raise NumericalError("no mode is found in the band", remedy="Choose the band by the peaks.")
+    return ModalAnalysis(
+        reported_modes(model, fit, modes, driving_points, bar_scale), chart, model, fit, bar_scale, tested
+    )
+
+
+def _chart(frf: FrfMatrix) -> Chart:
+    """Return the chart of poles of increasing orders."""
+    band = float(frf.omega[0]), float(frf.omega[-1])
+    chart = None
+    for highest in _ORDERS:
+        report_progress(f"poles up to order {highest}")
+        orders = range(2, max(3, min(highest, len(frf.omega) // _LINES_OF_ORDER)) + 1)
+        chart = chart_of(orders, poles_by_order(frf, orders), band)
+        if chart.chain.max(initial=-1) + 1 < _MANY_CHAINS:
+            break
+    assert chart is not None
+    return chart
+
+
+def _reciprocal_participation(fit: ModalFit, points: Sequence[tuple[int, int]]) -> ComplexArray:
+    """Return participations of reciprocal modes nearest to those of a fit, of unit modal a."""
+    rows, columns = ([*index] for index in zip(*points, strict=True))
+    psi, L = fit.shapes[rows], fit.participation
+    best = np.argmax(np.abs(psi * L[columns]), axis=0)
+    modes = np.arange(len(fit.poles))
+    scale = np.sqrt(psi[best, modes] / L[columns][best, modes])
+    participation = L * scale
+    participation[columns] = (participation[columns] + psi / scale) / 2
+    return np.asarray(participation)
+
+
+def _p_value(increase: float, parameters: int) -> float:
+    from scipy.special import chdtrc
+
+    return float(chdtrc(parameters, max(increase, 0.0)))

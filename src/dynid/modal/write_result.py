@@ -1,0 +1,89 @@
+"""Arrays of a modal analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynid.arrays import ComplexArray
+from dynid.modal.modal_analysis import ModalAnalysis
+from dynid.modal.reported_modes import LARGEST
+from dynid.result import Result
+
+#: Group of the results.
+GROUP = "modal"
+# Relative standard error of the residue at the driving point above which the scale of a shape is doubtful:
+# shapes go with its root, whose bars are right while it is small.
+_DOUBTFUL_SCALE = 0.15
+
+
+def add_modes(
+    result: Result,
+    analysis: ModalAnalysis,
+    channels: Sequence[str],
+    references: Sequence[str],
+    powers: ComplexArray,
+    warnings: Sequence[str] = (),
+) -> None:
+    """Add the modes of an analysis, their covariance, the chart of poles, and the fit.
+
+    `channels` and `references` name the DOFs; `powers` (lines x channels) turn receptances into what was
+    measured.
+    """
+    modes, fit, frf = analysis.modes, analysis.fit, analysis.model.frf
+    by_omega, by_damping, by_shape = modes.standard_errors
+    result.add_axis(f"{GROUP}/mode", np.arange(1, len(modes.omega) + 1))
+    result.add_axis(f"{GROUP}/channel", [str(channel) for channel in channels])
+    result.add_axis(f"{GROUP}/reference", [str(reference) for reference in references])
+    result.add(f"{GROUP}/frequency", modes.omega, ("mode",), "rad/s")
+    result.add(f"{GROUP}/frequency_standard_error", by_omega, ("mode",), "rad/s")
+    result.add(f"{GROUP}/damping", modes.damping, ("mode",))
+    result.add(f"{GROUP}/damping_standard_error", by_damping, ("mode",))
+    of_shapes = ("mode", "channel")
+    result.add(f"{GROUP}/shape", modes.shape, of_shapes, normalisation=modes.normalisation)
+    result.add(f"{GROUP}/shape_standard_error", by_shape, of_shapes)
+    result.add(f"{GROUP}/complexity", modes.complexity, ("mode",))
+    result.add(f"{GROUP}/covariance/common", modes.common, ("value", "factor"))
+    result.add(f"{GROUP}/covariance/by_channel", modes.by_channel, ("channel", "value_of_channel", "root"))
+    chart = analysis.chart
+    result.add_all(f"{GROUP}/chart", ("point",), order=chart.order, chain=chart.chain)
+    result.add(f"{GROUP}/chart/pole", chart.pole, ("point",), "rad/s")
+    result.add_axis(f"{GROUP}/fit/omega", frf.omega, "rad/s")
+    lines = ("omega", "channel", "reference")
+    measured = np.where(frf.weights > 0, frf.values, np.nan) * powers[:, :, None]
+    result.add(f"{GROUP}/fit/measured", measured, lines)
+    result.add(f"{GROUP}/fit/synthesis", analysis.model.synthesis(fit) * powers[:, :, None], lines)
+    result.add(f"{GROUP}/fit/chi2", fit.chi2)
+    result.add(f"{GROUP}/fit/degrees", analysis.degrees)
+    result.add(f"{GROUP}/fit/lacks_fit", analysis.bar_scale > 1)
+    result.add(f"{GROUP}/fit/reciprocity", analysis.reciprocity)
+    result.annotate(GROUP, noise="estimated" if frf.estimated else "stated")
+    if analysis.model.own:
+        result.annotate(GROUP, reciprocal=True)
+    doubts = [*warnings, *_doubts(analysis)]
+    if doubts:
+        result.add(f"{GROUP}/warnings", doubts, ("warning",))
+
+
+def _doubts(analysis: ModalAnalysis) -> list[str]:
+    """Return what users must know of the modes."""
+    doubts, modes = [], analysis.modes
+    if analysis.bar_scale > 1:
+        doubts.append(
+            f"lack of fit: chi-squared is {analysis.reduced_chi2:.3g} of its expectation, and standard "
+            f"errors are {analysis.bar_scale:.3g} times those of the noise; close modes need more references"
+        )
+    if analysis.reciprocity == analysis.reciprocity and not analysis.model.own:
+        doubts.append(
+            f"the responses are not reciprocal (p = {analysis.reciprocity:.2g}): check gains and directions "
+            "of the references"
+        )
+    if modes.normalisation != LARGEST:
+        weak = [str(k + 1) for k in np.flatnonzero(modes.scale_error > _DOUBTFUL_SCALE)]
+        if weak:
+            doubts.append(
+                f"the scale of the shape of mode {', '.join(weak)} is doubtful: it hardly moves at the "
+                "driving points"
+            )
+    return doubts

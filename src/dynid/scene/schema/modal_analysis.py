@@ -1,0 +1,74 @@
+"""Scenes of kind `modal-analysis`: frequency responses or records with excitation, and a band."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from dynid.scene.schema.base import SceneModel, Section
+from dynid.scene.schema.measurement import ChannelModel, MeasurementModel
+from dynid.scene.schema.quantities import AT_KEY, Located, NotNegative, Positive, fault, raise_faults
+from dynid.scene.schema.references import sections
+from dynid.scene.schema.signals import Signals
+
+
+class ModalBandModel(Section):
+    """The band in which modes are sought."""
+
+    low: NotNegative
+    high: Positive
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+    @model_validator(mode="after")
+    def _is_a_range(self) -> Self:
+        if float(self.high) <= float(self.low):
+            raise fault("'high' is not above 'low'")
+        return self
+
+
+class ModalOptionsModel(Section):
+    """What is known of the shapes."""
+
+    shapes: Literal["complex", "real"] = "complex"
+    reciprocal: bool | Literal["auto"] = "auto"
+
+
+class ModalAnalysisScene(SceneModel):
+    """Modes, with their covariance, from measured frequency responses or from records with excitation."""
+
+    kind: Literal["modal-analysis"]
+    excitation: Signals = []
+    measurement: MeasurementModel
+    band: ModalBandModel
+    modes: ModalOptionsModel = Field(default=ModalOptionsModel.model_construct())
+
+    @model_validator(mode="after")
+    def _is_measured(self) -> Self:
+        raise_faults([*self._measurement_faults(), *self._channel_faults()])
+        return self
+
+    def _measurement_faults(self) -> Iterator[Located]:
+        measurement = self.measurement
+        if measurement.modes is not None:
+            yield ("measurement", "modes", AT_KEY), "modes are what is sought; leave 'modes' out"
+        frf = measurement.frf
+        if frf is not None and frf.simulate is not None:
+            yield ("measurement", "frf", "simulate", AT_KEY), _NO_MODEL
+        if frf is not None and frf.band is not None:
+            yield ("measurement", "frf", "band", AT_KEY), "the band of a modal analysis is its key 'band'"
+        if frf is not None and self.excitation:
+            yield ("excitation", AT_KEY), "frequency responses are of unit forces; leave 'excitation' out"
+        if any(record.simulate is not None for record in measurement.each):
+            yield ("measurement", AT_KEY), _NO_MODEL
+
+    def _channel_faults(self) -> Iterator[Located]:
+        for path, channel in sections(self, ChannelModel):
+            if channel.output is not None:
+                yield (*path, "output", AT_KEY), "a shape is of DOFs; write 'dof' and 'quantity'"
+            if channel.dofs is not None:
+                yield (*path, "dofs", AT_KEY), "a shape has one DOF a channel; write 'dof'"
+
+
+_NO_MODEL = "there is no model to simulate; read the measurement from a 'file'"
