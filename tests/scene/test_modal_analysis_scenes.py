@@ -96,12 +96,6 @@ def test_a_measurement_that_does_not_fit_is_refused(scene, old, new, message):
         dynid.run(scene((old, new)))
 
 
-def test_an_unknown_gain_is_refused(scene):
-    path = scene(("gain: 2", "gain: g"), ("measurement:", "parameters: {g: {start: 2}}\nmeasurement:"))
-    with pytest.raises(UsageError, match=r"gain and delay of the channel 12:-z.velocity are unknown"):
-        dynid.run(path)
-
-
 def test_explanation_says_what_is_read(scene):
     from dynid.scene.explanations.explanation import explain
 

@@ -57,7 +57,8 @@ def add_modes(
     result.add(f"{GROUP}/fit/chi2", fit.chi2)
     result.add(f"{GROUP}/fit/degrees", analysis.degrees)
     result.add(f"{GROUP}/fit/lacks_fit", analysis.bar_scale > 1)
-    result.add(f"{GROUP}/fit/reciprocity", analysis.reciprocity)
+    if np.isfinite(analysis.reciprocity):
+        result.add(f"{GROUP}/fit/reciprocity", analysis.reciprocity)
     result.annotate(GROUP, noise="estimated" if frf.estimated else "stated")
     if analysis.model.own:
         result.annotate(GROUP, reciprocal=True)
@@ -74,7 +75,7 @@ def _doubts(analysis: ModalAnalysis) -> list[str]:
             f"lack of fit: chi-squared is {analysis.reduced_chi2:.3g} of its expectation, and standard "
             f"errors are {analysis.bar_scale:.3g} times those of the noise; close modes need more references"
         )
-    if analysis.reciprocity == analysis.reciprocity and not analysis.model.own:
+    if np.isfinite(analysis.reciprocity) and not analysis.model.own:
         doubts.append(
             f"the responses are not reciprocal (p = {analysis.reciprocity:.2g}): check gains and directions "
             "of the references"

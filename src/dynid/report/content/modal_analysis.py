@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
 from dynid.number_format import counted, quantity
 from dynid.report.content.blocks import ALL, ReportSection, Statement, TextTable
 from dynid.report.notation import texts
@@ -55,8 +53,8 @@ def statements(result: Result) -> Iterator[Statement]:
     verdict = "leaves more than noise" if lacks else "leaves noise"
     text = f"the fit {verdict} of the responses, {by}: chi-squared {ratio:.3f} of its expectation"
     yield Statement(text, "bad" if lacks else "good")
-    p = result.value(f"{GROUP}/fit/reciprocity")
-    if not np.isnan(p):
+    if f"{GROUP}/fit/reciprocity" in result:
+        p = result.value(f"{GROUP}/fit/reciprocity")
         used = "used" if result.group_attrs[GROUP].get("reciprocal") else "not used"
         yield Statement(f"reciprocity of the references: p = {p:.2g}, {used}")
     scale = result[f"{GROUP}/shape"].attrs["normalisation"]

@@ -171,14 +171,5 @@ def _dof(label: Label) -> tuple[str, float]:
 
 
 def _instrument(channel: Any, omega: Array) -> ComplexArray:
-    """Return the response of a channel's gain and delay, which are known numbers.
-
-    Raises `UsageError` where one is unknown.
-    """
-    if not all(isinstance(value, int | float) for value in (channel.gain, channel.delay)):
-        raise UsageError(
-            f"gain and delay of the channel {channel.name} are unknown, and no model determines them",
-            remedy="Give numbers.",
-            names=("measurement.channels",),
-        )
-    return np.asarray(channel.gain * np.exp(-1j * omega * channel.delay))
+    """Return the response of a channel's gain and delay."""
+    return np.asarray(float(channel.gain) * np.exp(-1j * omega * float(channel.delay)))
