@@ -76,6 +76,8 @@ LIBRARIES = {
     "pandas": {"result", "report.notebook"},
     "typst": {"report.figure"},
     "meshio": {"files.meshio_mesh"},
+    "nptdms": {"files.recorder_files"},
+    "openpyxl": {"files.spreadsheet"},
     "skfem": set(),  # an oracle of tests
     "matplotlib": {"report.notebook"},  # files of figures are written as SVG
 }

@@ -26,6 +26,7 @@ COMMANDS = {
         "dynid.cli.study:study_worst",
         "Write the sample with the most extreme result as a scene.",
     ),
+    "inspect": ("dynid.cli.inspect:inspect", "List what is in a data file, with lines of a scene."),
     "plan": ("dynid.cli.run:plan", "Rank sensors and excitation by Cramér–Rao bounds."),
     "show": ("dynid.cli.results:show", "Print a summary of a result."),
     "report": ("dynid.cli.results:report", "Write an HTML report of a result."),
@@ -44,7 +45,7 @@ COMMANDS = {
 
 #: The commands in groups, as `dynid --help` lists them.
 GROUPS = {
-    "Run": ("demo", "new", "check", "run", "plan"),
+    "Run": ("demo", "new", "inspect", "check", "run", "plan"),
     "Studies": ("study", "study-merge", "study-worst"),
     "Results": ("show", "report", "plot", "watch", "compare", "export"),
     "Help": ("help", "library", "schema", "doctor", "bench"),
@@ -130,7 +131,7 @@ def _unknown_command(name: str) -> str:
         if suffix in suffixes:
             return f"'{name}' is a file, no command; write: dynid {verb} {name}"
     if Path(name).is_file():
-        return f"'{name}' is a file, no command; a scene names measured data, to begin with: dynid new record"
+        return f"'{name}' is a file, no command; a scene names measured data: dynid inspect {name}"
     if Path(f"{name}.yaml").is_file():
         return f"no command '{name}'; write: dynid run {name}.yaml"
     for command, words in _OTHER_WORDS.items():

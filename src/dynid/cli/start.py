@@ -71,6 +71,7 @@ _EXTRAS = {
     "laboratory": "meshes, NetCDF",
     "figures": "figures as PDF and PNG",
     "pandas": "results as tables of pandas",
+    "recorders": "files of recorders: TDMS, MF4, Parquet, .xlsx",
     "posterior": "checks of importance samples",
     "xarray": "results as datasets of xarray",
     "cluster": "studies on a cluster",

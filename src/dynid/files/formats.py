@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from dynid.errors import FileError
 from dynid.file_access import check_readable
@@ -41,6 +42,9 @@ from dynid.files.table import ColumnRequest, DataFile, DataTable
 from dynid.files.untrusted import read_errors
 from dynid.structure.dof_order import NodeFile
 
+if TYPE_CHECKING:
+    from dynid.files.recordings import Recording
+
 Content: TypeAlias = Literal["matrix", "matrices", "nodes", "mesh", "columns", "responses", "modes"]
 
 
@@ -56,12 +60,31 @@ class FileFormat:
     #: Readers of the nodes of a structure, and of a mesh of solids, which may refer to other files.
     nodes: Callable[[Path], NodeFile] | None = None
     mesh: Callable[[Path, Sequence[Path]], MeshData] | None = None
+    #: Reader of channels with clocks of their own.
+    recording: Callable[[DataFile], Recording] | None = None
     #: Readers of measured data: columns of numbers, frequency responses, modes.
     columns: Callable[[DataFile, ColumnRequest], DataTable] | None = None
     responses: Callable[[DataFile, ResponseLayout], MeasuredResponses] | None = None
     modes: Callable[[DataFile, Mapping[str, str]], ModalTable] | None = None
     #: Function that recognises the first bytes of a file; default: the ending suffices.
     recognised: Callable[[bytes], bool] | None = None
+
+
+def _later(reference: str, *first: Any) -> Callable[..., Any]:
+    """Return a function of this package, ``module:name``, with its first arguments; imported when called."""
+    module, _, name = reference.partition(":")
+
+    def call(*arguments: Any) -> Any:
+        return getattr(import_module(f"dynid.files.{module}"), name)(*first, *arguments)
+
+    return call
+
+
+def _recorder(
+    what: str, extensions: tuple[str, ...], recording: Callable[[DataFile], Recording], **readers: Any
+) -> FileFormat:
+    columns = _later("recordings:read", recording)
+    return FileFormat(what, extensions, recording=recording, columns=columns, **readers)
 
 
 TEXT_TABLE = FileFormat(
@@ -106,7 +129,12 @@ FORMATS: tuple[FileFormat, ...] = (
         responses=frequency_responses.from_matlab,
         modes=modal_tables.from_matlab,
     ),
-    FileFormat("NumPy", (".npz", ".npy"), matrices=numpy_arrays.MATRICES),
+    _recorder("NumPy", (".npz", ".npy"), numpy_arrays.recording, matrices=numpy_arrays.MATRICES),
+    _recorder("TDMS", (".tdms",), _later("recorder_files:recording", "tdms")),
+    _recorder("MDF", (".mf4", ".mdf"), _later("recorder_files:recording", "mf4")),
+    _recorder("WAV", (".wav",), _later("recorder_files:recording", "wav")),
+    _recorder("Parquet", (".parquet", ".pq"), _later("recorder_files:recording", "parquet")),
+    FileFormat("workbook", (".xlsx", ".xlsm"), columns=_later("spreadsheet:read_columns")),
     FileFormat(
         "HDF5",
         (".h5", ".hdf5"),

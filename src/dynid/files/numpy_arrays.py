@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynid.errors import FileError
 from dynid.files.matrix_data import Container, compressed, numeric_matrix
+from dynid.files.table import DataFile
 from dynid.files.untrusted import MOST_NUMBERS, check_claim, read_errors
 from dynid.structure.matrices import Matrix
+
+if TYPE_CHECKING:
+    from dynid.files.recordings import Recording
 
 #: The name of the one matrix in a file that holds a sparse matrix or a single array.
 ONLY = "matrix"
@@ -21,53 +25,85 @@ _SPARSE = {"data", "format", "shape"}
 _PARTS = {"coo": ("data", "row", "col")}
 
 
-def _numpy_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the arrays of a file, by name."""
+def _numpy_headers(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
+    """Return shape and type of the arrays of a file, by name."""
     with read_errors(path, "NumPy file"):
         if not zipfile.is_zipfile(path):
             with path.open("rb") as stream:
-                return {ONLY: _numpy_header(stream)[0]}
+                return {ONLY: _numpy_header(stream)}
+        headers = {}
         with zipfile.ZipFile(path) as archive:
-            shapes = {}
             for info in archive.infolist():
                 if info.filename.endswith(".npy"):
                     if info.file_size > 8 * MOST_NUMBERS:
                         raise FileError(f"{path}: {info.filename} claims {info.file_size} bytes")
                     with archive.open(info) as stream:
-                        shapes[info.filename.removesuffix(".npy")] = _numpy_header(stream)[0]
-            if not set(shapes) >= _SPARSE:
-                return shapes
-            with archive.open("shape.npy") as stream:
-                _check_numpy(path, stream, archive.getinfo("shape.npy").file_size)
-        with np.load(path, allow_pickle=False) as stored:
-            return {ONLY: tuple(int(number) for number in np.ravel(stored["shape"])[:2])}
+                        headers[info.filename.removesuffix(".npy")] = _numpy_header(stream)
+        return headers
+
+
+def _numpy_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the matrices of a file, by name."""
+    headers = _numpy_headers(path)
+    if not set(headers) >= _SPARSE:
+        return {name: shape for name, (shape, _) in headers.items()}
+    with read_errors(path, "NumPy file"):
+        return {ONLY: tuple(int(number) for number in np.ravel(_checked_array(path, "shape"))[:2])}
 
 
 def _load_numpy(path: Path, name: str) -> Matrix:
     """Return one matrix of a file. Nothing pickled is ever loaded."""
+    members = _numpy_headers(path)
     with read_errors(path, "NumPy file"):
-        if not zipfile.is_zipfile(path):
-            with path.open("rb") as stream:
-                _check_numpy(path, stream, path.stat().st_size)
-            return numeric_matrix(path, "", np.load(path, allow_pickle=False))
-        with zipfile.ZipFile(path) as archive:
-            members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
-            sparse = name == ONLY and set(members) >= _SPARSE
-            for member in members if sparse else [name]:
-                with archive.open(members[member]) as stream:
-                    _check_numpy(path, stream, members[member].file_size)
-        with np.load(path, allow_pickle=False) as stored:
-            if not sparse:
-                return numeric_matrix(path, name, stored[name])
-            layout = stored["format"].item()
-            layout = layout.decode() if isinstance(layout, bytes) else str(layout)
-            names = _PARTS.get(layout, ("data", "indices", "indptr"))
-            data, indices, pointers = (stored.get(member) for member in names)
-            return compressed(path, stored["shape"], (data, indices, pointers), layout)
+        if not (name == ONLY and set(members) >= _SPARSE):
+            return numeric_matrix(path, "" if name == ONLY else name, _checked_array(path, name))
+        stored = {member: _checked_array(path, member) for member in members}
+        layout = stored["format"].item()
+        layout = layout.decode() if isinstance(layout, bytes) else str(layout)
+        names = _PARTS.get(layout, ("data", "indices", "indptr"))
+        data, indices, pointers = (stored.get(member) for member in names)
+        return compressed(path, stored["shape"], (data, indices, pointers), layout)
+
+
+def _checked_array(path: Path, name: str) -> Any:
+    """Return one array of a file that holds as much as its header claims."""
+    if not zipfile.is_zipfile(path):
+        with path.open("rb") as stream:
+            _check_numpy(path, stream, path.stat().st_size)
+        return np.load(path, allow_pickle=False)
+    with zipfile.ZipFile(path) as archive, archive.open(f"{name}.npy") as stream:
+        _check_numpy(path, stream, archive.getinfo(f"{name}.npy").file_size)
+    with np.load(path, allow_pickle=False) as stored:
+        return stored[name]
 
 
 MATRICES = Container(_numpy_shapes, _load_numpy)
 """The reader of the matrices of a file."""
+
+
+def recording(file: DataFile) -> Recording:
+    """Return the arrays of a file as channels: vectors, and the columns of matrices as ``NAME:NUMBER``."""
+    from dynid.files.recordings import Recording, array_channels
+
+    path = file.path
+    try:
+        headers = _numpy_headers(path)
+    except FileError as error:
+        file.refuse(error.problem.removeprefix(f"{path} "), error.remedy)
+    alone = path.suffix.lower() == ".npy"
+    channels = [
+        channel
+        for name, (shape, dtype) in headers.items()
+        for channel in array_channels("" if alone else name, name, shape, dtype)
+    ]
+
+    def array(key: str) -> Any:
+        name, column = key.rsplit(":", 1)
+        with read_errors(path, "NumPy file"):
+            values = np.asarray(_checked_array(path, name))
+        return values.reshape(-1) if column == "0" else values[:, int(column) - 1]
+
+    return Recording(file, tuple(channels), array)
 
 
 def _numpy_header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:

@@ -65,7 +65,8 @@ class DataFile:
 class TableLayout:
     """Place of a table in a file: variable, row of a cell array, column of the times, first row.
 
-    `resample`: whether its columns are interpolated at even times.
+    `resample`: whether its columns are interpolated at even times. `group` is that of the channels of a
+    recorder, `sheet` that of a workbook.
     """
 
     variable: str | None = None
@@ -73,10 +74,12 @@ class TableLayout:
     time: str | int | None = None
     first: int | None = None
     resample: bool = False
+    group: str | None = None
+    sheet: str | None = None
 
     def only(self, file: DataFile, *keys: str) -> None:
         """Refuse the keys of other formats, all but the given ones."""
-        for key in ("variable", "row", "time"):
+        for key in ("variable", "row", "time", "group", "sheet"):
             if key not in keys and getattr(self, key) is not None:
                 file.refuse(f"takes no '{key}'", "It belongs to files of other formats.", key=key)
 

@@ -39,7 +39,16 @@ def read_text(
 
     `number` converts a field; default: to a real number.
     """
-    lines_of_file = _text(file).split("\n")
+    return read_lines(file, _text(file).split("\n"), time, number)
+
+
+def read_lines(
+    file: DataFile,
+    lines_of_file: list[str],
+    time: str | int | None = None,
+    number: Callable[[str], float | complex] | None = None,
+) -> DataTable:
+    """Return all columns of the lines of a text file; parameters as of `read_text`."""
     rows = _rows(file, lines_of_file)
     skipped, late = _above_names(rows, number or _number)
     rows = rows[skipped:]

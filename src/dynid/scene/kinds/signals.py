@@ -142,7 +142,9 @@ def layout_of(table: TablePlace) -> TableLayout:
     """Return the place of a table in its file."""
     from dynid.files.table import TableLayout
 
-    return TableLayout(table.variable, table.row, table.time, table.first, table.resample)
+    return TableLayout(
+        table.variable, table.row, table.time, table.first, table.resample, table.group, table.sheet
+    )
 
 
 def highest_frequency(signals: Sequence[SignalPart], step: float) -> float:

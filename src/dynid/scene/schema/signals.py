@@ -181,7 +181,8 @@ class TablePlace(Section):
     """Place of a table in a file, beyond its columns.
 
     `variable`: one of a MATLAB file; `row`: of a cell array; `time`: the column of the times, where its
-    name does not show; `first`: the first row that counts, from 1; `resample`: interpolate at even times.
+    name does not show; `first`: the first row that counts, from 1; `resample`: interpolate at even times;
+    `group`: of the channels of a recorder; `sheet`: of a workbook.
     """
 
     variable: str | None = None
@@ -189,6 +190,8 @@ class TablePlace(Section):
     time: str | Annotated[int, Field(ge=1, strict=True)] | None = None
     first: int | None = Field(default=None, ge=1, strict=True)
     resample: bool = False
+    group: str | None = None
+    sheet: str | None = None
 
 
 class FileSignal(SignalPart, TablePlace):

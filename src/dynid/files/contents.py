@@ -1,0 +1,367 @@
+"""Contents of a file, of any format that is read, and the lines of a scene that name them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from dynid.errors import DynidError, FileError
+from dynid.file_access import check_readable
+from dynid.files.formats import FORMATS, TEXT_TABLE, FileFormat
+from dynid.files.frequency_responses import ResponseLayout
+from dynid.files.read_matrix import USUAL, named_as
+from dynid.files.recordings import Recording
+from dynid.files.spreadsheet import lines_of, sheets_of
+from dynid.files.table import ColumnRequest, DataFile, DataTable, TableLayout
+from dynid.files.text_table import read_lines
+from dynid.files.universal_file import UniversalFile
+from dynid.structure.matrices import is_sparse
+from dynid.units import unit_fits
+
+#: Rates that differ by less are one.
+_RATE_DIGITS = 9
+#: Columns that lines of a scene name.
+_MAX_NAMED = 12
+
+
+class FileEntry(NamedTuple):
+    """One thing in a file: its name in scenes, what it is, its size, unit, step and start (s), remarks."""
+
+    name: str
+    what: str
+    size: str = ""
+    unit: str = ""
+    step: float | None = None
+    start: float | None = None
+    note: str = ""
+
+
+class FileContents(NamedTuple):
+    """The format of a file, what is in it, lines of a scene that read it, and what could not be read."""
+
+    format: str
+    entries: list[FileEntry]
+    scene: list[str]
+    faults: list[str]
+
+
+def contents_of(path: Path) -> FileContents:
+    """Return what is in a file.
+
+    Raises `FileError` where the file cannot be read as any format with its ending.
+    """
+    check_readable(path)
+    with path.open("rb") as stream:
+        start = stream.read(1024)
+    suffix = path.suffix.lower()
+    formats = [
+        form
+        for form in FORMATS
+        if suffix in form.extensions and (form.recognised is None or form.recognised(start))
+    ]
+    entries: list[FileEntry] = []
+    scene: list[str] = []
+    faults: list[str] = []
+    names: list[str] = []
+    listed_contents: set[str] = set()
+    for form in formats or [TEXT_TABLE]:
+        if entries and form.name in _GUESSED:
+            continue
+        for content, lister in _listers(form).items():
+            if content in listed_contents:
+                continue
+            try:
+                listed = [*lister(form, path)]
+            except DynidError as error:
+                faults += [] if form.name in _GUESSED else [str(error)]
+                continue
+            entries += [item for item in listed if isinstance(item, FileEntry)]
+            scene += [item for item in listed if isinstance(item, str)]
+            names += [form.name] if listed else []
+            listed_contents |= {content} if listed else set()
+        if entries and form.recognised is not None:
+            break  # the first format that recognises a file reads it
+    if not entries:
+        if formats and faults:
+            raise FileError("; ".join(dict.fromkeys(faults)))
+        ending = f"ends in {suffix}" if suffix else "has no ending"
+        what = (
+            "holds nothing that is read" if formats else f"{ending}, as no format does, and is no text table"
+        )
+        remedy = "" if formats else f"Formats end in {', '.join(_endings())}."
+        raise FileError(f"{path} {what}", remedy=remedy)
+    return FileContents(" or ".join(dict.fromkeys(names)), entries, scene, [*dict.fromkeys(faults)])
+
+
+def _listers(form: FileFormat) -> dict[str, _Lister]:
+    """Return what lists the contents of a format: a function for all, or one for each content."""
+    if form.name in _OF_FORMATS:
+        return {form.name: _OF_FORMATS[form.name]}
+    return {content: lister for content, lister in _OF_CONTENTS.items() if getattr(form, content) is not None}
+
+
+def _endings() -> list[str]:
+    return list(dict.fromkeys(ending for form in FORMATS for ending in form.extensions))
+
+
+_Listed: TypeAlias = Iterator[FileEntry | str]
+_Lister: TypeAlias = Callable[[FileFormat, Path], _Listed]
+
+
+def _size(shape: Sequence[int]) -> str:
+    return " x ".join(map(str, shape)) or "1"
+
+
+def _word(text: str | int) -> str:
+    """Return a name as YAML, quoted where it has to be."""
+    plain = isinstance(text, int) or re.fullmatch(r"[A-Za-z_][\w./+-]*", text)
+    return str(text) if plain and str(text).lower() not in _TRUTH else json.dumps(text, ensure_ascii=False)
+
+
+_TRUTH = ("yes", "no", "on", "off", "true", "false", "null", "y", "n")
+_MOTIONS = {
+    "acceleration": ("m/s2", "rad/s2"),
+    "velocity": ("m/s", "rad/s"),
+    "displacement": ("m", "rad"),
+}
+
+
+def _scene_of_record(
+    path: Path, keys: str, columns: Mapping[str | int, str], samples: int, step: float | None
+) -> Iterator[str]:
+    """Yield the lines that read columns, by name with unit: forces as excitation, the others as channels."""
+    forces = [name for name, unit in columns.items() if unit and unit_fits(unit, ["N", "N.m"])]
+    sensors = [name for name in columns if name not in forces]
+    file = f"path: {_word(path.name)}{keys}"
+    for name in forces[:_MAX_NAMED]:
+        yield f"excitation: [{{dof: …, kind: file, {file}, column: {_word(name)}}}]"
+    if not sensors:
+        return
+    motions = [
+        next((motion for motion, units in _MOTIONS.items() if unit_fits(columns[name] or "-", units)), "…")
+        for name in sensors[:_MAX_NAMED]
+    ]
+    more = ", …" if len(sensors) > _MAX_NAMED else ""
+    yield "\n".join(
+        [
+            "measurement:",
+            f"  step: {'…' if step is None else f'{step:.12g}'}",
+            f"  samples: {samples}",
+            f"  file: {{{file}, columns: [{', '.join(map(_word, sensors[:_MAX_NAMED]))}{more}]}}",
+            "  channels:",
+            *(f"    - {{dof: …, quantity: {motion}}}" for motion in motions),
+        ]
+    )
+
+
+def _recording(form: FileFormat, path: Path) -> _Listed:
+    assert form.recording is not None
+    recording: Recording = form.recording(DataFile(path))
+    groups: dict[tuple[str, int, float | None, float | None], dict[str | int, str]] = {}
+    for channel in recording.channels:
+        if channel.what:
+            yield FileEntry(channel.path, channel.what, str(channel.length))
+            continue
+        clock = recording.time_of(channel, recording.channels)
+        times = None
+        if clock is not None and clock is not channel:
+            times = np.asarray(recording.array(clock.values), dtype=float)
+        elif channel.times or channel.step:
+            times = recording.times(channel)
+        step = round_step(times)
+        start = None if times is None or not len(times) else float(times[0])
+        what = "times" if clock is channel else "channel"
+        yield FileEntry(channel.path, what, str(channel.length), channel.heading[1], step, start)
+        if what == "channel":
+            group = groups.setdefault((channel.group, channel.length, step, start), {})
+            group[channel.name] = channel.heading[1]
+    for (name, samples, step, _), columns in groups.items():
+        if samples > 1:
+            keys = f", group: {_word(name)}" if len(recording.groups) > 1 else ""
+            yield from _scene_of_record(path, keys, columns, samples, step)
+
+
+def round_step(times: np.ndarray | None) -> float | None:
+    """Return the median step of times, that of a whole rate within rounding; None of fewer than two."""
+    if times is None or len(times) < 2:
+        return None
+    step = float(np.median(np.diff(times)))
+    if not step > 0:
+        return None
+    rate = round(1 / step, _RATE_DIGITS - max(0, round(float(np.log10(1 / step)))))
+    return 1 / rate if rate else step
+
+
+def _workbook(_: FileFormat, path: Path) -> _Listed:
+    file = DataFile(path)
+    for sheet in sheets_of(file):
+        try:
+            table = read_lines(file, lines_of(file, sheet))
+        except FileError as error:
+            yield FileEntry(sheet, "sheet", note=f"not read: {error}")
+            continue
+        yield from _table(table, path, f", sheet: {_word(sheet)}", f"{sheet}: ")
+
+
+def _text(form: FileFormat, path: Path) -> _Listed:
+    """Yield the columns of a text, real ones or frequency responses."""
+    assert form.columns is not None
+    assert form.responses is not None
+    file = DataFile(path)
+    try:
+        table = form.columns(file, ColumnRequest(None, TableLayout()))
+    except FileError as error:
+        try:
+            measured = form.responses(file, ResponseLayout())
+        except FileError:
+            raise error from None
+        for number, heading in enumerate(measured.headings, 1):
+            name, size = heading.name or f"column {number}", str(len(measured.omega))
+            yield FileEntry(name, "frequency response", size, heading.unit)
+        unit = "" if measured.of_lines.unit else ", unit: Hz"
+        yield f"measurement: {{frf: {{file: {{path: {_word(path.name)}}}{unit}}}, channels: […]}}"
+        return
+    yield from _table(table, path)
+
+
+def _table(table: DataTable, path: Path, keys: str = "", above: str = "") -> _Listed:
+    """Yield the columns of a table."""
+    step = round_step(table.times)
+    rows = len(table.values)
+    columns: dict[str | int, str] = {}
+    for number in range(table.values.shape[1]):
+        name, unit, doubt = table.heading(number)
+        what = "column" if number in table.data else "times"
+        start = None if table.times is None or not rows else float(table.times[0])
+        yield FileEntry(f"{above}{name or f'column {number + 1}'}", what, str(rows), unit, step, start, doubt)
+        if what == "column":
+            columns[name if name and table.names.count(table.names[number]) == 1 else number + 1] = unit
+    if {"frequency", "eigenvalue"} & {*columns}:
+        yield f"measurement: {{modes: {{file: {_word(path.name)}}}}}"
+    elif rows > 1 and columns:
+        yield from _scene_of_record(path, keys, columns, rows, step)
+
+
+def _matrices(form: FileFormat, path: Path) -> _Listed:
+    assert form.matrices is not None
+    members: Mapping[str, tuple[int, ...] | str] = form.matrices.members(path)
+    shapes = {name: shape for name, shape in members.items() if not isinstance(shape, str)}
+    for name, shape in members.items():
+        if isinstance(shape, str):
+            yield FileEntry(name, shape)
+        elif len(shape) == 2 and min(shape) > 1:
+            yield FileEntry(name, "matrix", _size(shape))
+        elif form.recording is None:
+            yield FileEntry(name, "vector", _size(shape))
+    roles = {role: named_as(shapes, role)[:1] for role in ("mass", "stiffness", "damping", "A", "B")}
+    quoted = {
+        role: f"{role}: {{path: {_word(path.name)}, name: {_word(names[0])}}}"
+        for role, names in roles.items()
+        if names
+    }
+    if roles["mass"] and roles["stiffness"]:
+        listed = ", ".join(quoted[role] for role in ("mass", "stiffness", "damping") if role in quoted)
+        yield f"structure: {{matrices: {{{listed}}}}}"
+    elif roles["A"] and roles["B"]:
+        yield f"structure: {{matrices: {{state_space: {{path: {_word(path.name)}}}}}}}"
+
+
+def _matrix(form: FileFormat, path: Path) -> _Listed:
+    assert form.matrix is not None
+    matrix = form.matrix(path).matrix
+    entries = int(matrix.nnz) if is_sparse(matrix) else int(np.count_nonzero(matrix))
+    yield FileEntry(path.name, "matrix", _size(matrix.shape), note=f"{entries} entries")
+    stem = path.stem.lower()
+    usual = (role for role in ("mass", "stiffness") if any(name.lower() in stem for name in USUAL[role][1:]))
+    role = next(usual, "stiffness")
+    other = "mass" if role == "stiffness" else "stiffness"
+    yield f"structure: {{matrices: {{{role}: {_word(path.name)}, {other}: …}}}}"
+
+
+def _nodes(form: FileFormat, path: Path) -> _Listed:
+    assert form.nodes is not None
+    if form.matrices is not None and form.mesh is None and form.name != "Nastran OUTPUT2":
+        return  # positions there are matrices, listed as such
+    stored = form.nodes(path)
+    xyz = stored.nodes.xyz
+    if not len(xyz):
+        return
+    extent = ", ".join(
+        f"{axis} {low:.6g} to {high:.6g}"
+        for axis, low, high in zip("xyz", xyz.min(axis=0), xyz.max(axis=0), strict=True)
+    )
+    yield FileEntry("nodes", "nodes", str(len(xyz)), note=extent)
+    for name, members in stored.nodes.sets.items():
+        yield FileEntry(name, "set of nodes", str(len(members)))
+    if stored.modes is not None:
+        yield FileEntry("modes", "modes", str(len(stored.modes.frequencies)))
+    yield f"structure: {{matrices: {{…, nodes: {_word(path.name)}}}}}"
+
+
+def _mesh(form: FileFormat, path: Path) -> _Listed:
+    assert form.mesh is not None
+    mesh = form.mesh(path, ())
+    yield FileEntry("mesh", "nodes", str(len(mesh.xyz)))
+    for kind, cells in mesh.cells:
+        if len(cells):
+            yield FileEntry(kind, "elements", str(len(cells)))
+    for name, parts in mesh.groups.items():
+        yield FileEntry(str(name), "group of elements", str(sum(len(part) for part in parts)))
+    for name, members in mesh.sets.items():
+        yield FileEntry(str(name), "set of nodes", str(len(members)))
+    if any(len(cells) for _, cells in mesh.cells):
+        yield f"structure: {{solid: {{mesh: {_word(path.name)}, materials: …}}}}"
+
+
+_KINDS = {0: "function", 1: "time history", 2: "auto spectrum", 3: "cross spectrum", 4: "frequency response"}
+_KINDS[6] = "coherence"
+
+
+def _functions(form: FileFormat, path: Path) -> _Listed:
+    """Yield functions and shapes of a Universal File."""
+    source = UniversalFile(DataFile(path))
+    kinds: list[int] = []
+    for function in source.functions(header=True):
+        ends = [f"{node}:{direction}" for node, direction in (function.response, function.reference) if node]
+        even = function.step if function.even else None
+        kinds.append(function.kind)
+        what = _KINDS.get(function.kind, f"function of type {function.kind}")
+        unit, note = function.units.stated, " over ".join(ends)
+        yield FileEntry(function.name, what, str(function.points), unit, even, None, note)
+    if 4 in kinds:
+        yield f"measurement: {{frf: {{file: {{path: {_word(path.name)}}}}}, channels: all}}"
+    elif 0 in kinds or 1 in kinds:
+        yield f"measurement: {{file: {{path: {_word(path.name)}}}, channels: all}}"
+    assert form.modes is not None
+    if 55 in source.kinds or 2414 in source.kinds:
+        modes = form.modes(DataFile(path), {})
+        size = f"{len(modes.frequency)} at {len(modes.dofs)} DOFs"
+        yield FileEntry("modes", "modes", size, note=_band(modes.frequency / (2 * np.pi)))
+        yield f"measurement: {{modes: {{file: {_word(path.name)}}}}}"
+    if {15, 2411} & {*source.kinds}:
+        yield from _nodes(form, path)
+
+
+def _band(frequency: np.ndarray) -> str:
+    return f"{frequency.min():.6g} to {frequency.max():.6g} Hz" if len(frequency) else ""
+
+
+_OF_CONTENTS: dict[str, _Lister] = {
+    "recording": _recording,
+    "matrices": _matrices,
+    "matrix": _matrix,
+    "nodes": _nodes,
+    "mesh": _mesh,
+}
+"""What lists a content of a file, by its field of `FileFormat`."""
+
+_OF_FORMATS: dict[str, _Lister] = {"Universal File": _functions, "text table": _text, "workbook": _workbook}
+"""What lists all contents of a format, by its name."""
+
+_GUESSED = ("table of nodes", "rows of a matrix")
+"""Formats of text that a file with their ending may be, or not."""

@@ -1,0 +1,140 @@
+"""`dynid inspect`: what is in files of all formats, and lines of a scene that read them."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from dynid import load_scene
+from tests.files import recorder_files
+
+pytestmark = pytest.mark.usefixtures("untried")
+
+SHARED = Path(__file__).parents[3] / "shared" / "data"
+STEP = 0.002
+T = STEP * np.arange(50)
+
+
+@pytest.fixture
+def inspected(dynid, tmp_path):
+    """Return entries by name, and the lines of a scene."""
+
+    def inspect(path):
+        code, out, err = dynid("inspect", tmp_path / path, "--json")
+        assert (code, err) == (0, "")
+        content = json.loads(out)
+        return {entry.pop("name"): entry for entry in content["entries"]}, content["scene"]
+
+    return inspect
+
+
+SCENE = """
+dynid: 1
+kind: identification
+structure: {lumped: {masses: [1.2, 0.8], links: [{dofs: [1], k: 1.5e4, c: 4}]}}
+joints: {bolt: {dofs: [1, 2], k: {start: 0.9e4}, c: {start: 2}}}
+"""
+
+
+def test_a_recording_is_listed_with_lines_that_are_a_scene(dynid, inspected, tmp_path):
+    stated = {"wf_increment": STEP, "wf_start_offset": 0.5}
+    groups = {
+        "Run 1": {
+            "acc 1": (np.sin(T), {**stated, "unit_string": "g"}),
+            "force": (T, {**stated, "unit_string": "kN"}),
+        }
+    }
+    path = recorder_files.tdms(tmp_path / "r.tdms", groups | {"Run 2": {"other": (T[:9], {})}})
+    entries, lines = inspected("r.tdms")
+    clock = {"what": "channel", "size": "50", "step": STEP, "start": 0.5}
+    assert entries == {
+        "Run 1/acc 1": {**clock, "unit": "g"},
+        "Run 1/force": {**clock, "unit": "kN"},
+        "Run 2/other": {"what": "channel", "size": "9"},
+    }
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE + "\n".join(lines[:2]).replace("…", "1"))
+    (channel,) = load_scene(scene).model.measurement.channels
+    assert channel.quantity == "acceleration"
+    assert dynid("check", scene)[0] == 0
+    code, out, _ = dynid("inspect", path)
+    assert code == 0
+    assert "name         what     size  unit  step [s]  start [s]" in out
+    assert (
+        'In a scene:\n\n  excitation: [{dof: …, kind: file, path: r.tdms, group: "Run 1", column: force}]'
+        in out
+    )
+    assert "  step: …" in out  # of the second group no step is known
+
+
+def test_tables_of_text_and_workbooks(inspected, tmp_path):
+    import openpyxl
+
+    rows = [("time [s]", "v [m/s]", "x"), *((t, np.sin(t), 1.0) for t in T.tolist())]
+    (tmp_path / "r.csv").write_text("\n".join(",".join(map(str, row)) for row in rows))
+    entries, lines = inspected("r.csv")
+    assert entries["v"] == {"what": "column", "size": "50", "unit": "m/s", "step": STEP, "start": 0.0}
+    assert "columns: [v, x]" in lines[0]
+    assert "quantity: velocity" in lines[0]
+    book = openpyxl.Workbook()
+    for row in rows:
+        book.active.append(row)
+    book.create_sheet("sums").append(["a", "b"])
+    book["sums"].append([1, "=A2"])
+    book.save(tmp_path / "r.xlsx")
+    entries, lines = inspected("r.xlsx")
+    assert entries["Sheet: v"]["step"] == STEP
+    assert "the formula =A2 without its value" in entries["sums"]["note"]
+    (tmp_path / "modes.csv").write_text("frequency [Hz],damping,1,2\n4.1,0.01,1,0.4\n9.3,0.02,-0.3,1\n")
+    assert inspected("modes.csv")[1] == ["measurement: {modes: {file: modes.csv}}"]
+    (tmp_path / "frf.csv").write_text("f,a,b\n1,1+2j,3\n2,2-1j,4\n")
+    entries, lines = inspected("frf.csv")
+    assert entries["a"] == {"what": "frequency response", "size": "2"}
+    assert lines == ["measurement: {frf: {file: {path: frf.csv}, unit: Hz}, channels: […]}"]
+
+
+def test_matrices_and_what_else_is_in_their_files(inspected, tmp_path):
+    savemat(tmp_path / "m.mat", {"M": np.eye(3), "K": 2 * np.eye(3), "v": T, "s": "text"})
+    entries, lines = inspected("m.mat")
+    assert entries["M"] == {"what": "matrix", "size": "3 x 3"}
+    assert entries["s"] == {"what": "text"}
+    assert "structure: {matrices: {mass: {path: m.mat, name: M}, stiffness: {path: m.mat, name: K}}}" in lines
+    (tmp_path / "bolt_STIF1.mtx").write_text("1 1 2.0\n1 2 -1.0\n2 2 2.0\n")
+    entries, lines = inspected("bolt_STIF1.mtx")
+    assert entries["bolt_STIF1.mtx"]["size"] == "2 x 2"
+    assert lines == ["structure: {matrices: {stiffness: bolt_STIF1.mtx, mass: …}}"]
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file["run/A"], file["run/B"] = np.eye(2), np.ones((2, 2))
+    assert inspected("x.h5")[1] == ["structure: {matrices: {state_space: {path: x.h5}}}"]
+
+
+def test_what_is_no_data_file_is_refused(dynid, tmp_path):
+    (tmp_path / "a.json").write_text('{"a": [1, 2]}')
+    code, _, err = dynid("inspect", tmp_path / "a.json")
+    assert code == 4
+    assert "ends in .json, as no format does, and is no text table. Formats end in .mtx" in err
+    (tmp_path / "a.op4").write_bytes(b"x" * 50)
+    code, _, err = dynid("inspect", tmp_path / "a.op4")
+    assert code == 4
+    assert "cannot be read as Nastran OUTPUT4" in err
+    assert dynid("inspect", tmp_path / "none.csv")[0] == 4
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the files of other programs are not here")
+@pytest.mark.parametrize(
+    ("name", "entry", "expected"),
+    [
+        ("fe/bcsstk01.mtx", "bcsstk01.mtx", {"size": "48 x 48", "note": "400 entries"}),
+        ("fe/outboard.op4", "kxx", {"size": "46 x 46", "what": "matrix"}),
+        ("fe/outboard.pch", "nodes", {"size": "4"}),
+        ("fe/block_a-eig.exo", "modes", {"size": "50"}),
+        ("measured/Sample_UFF58b_bin.uff", "Mic 01.0Scalar", {"size": "79292", "unit": "Pa"}),
+        ("measured/robot_arm.dat", "column 2", {"size": "1024"}),
+        ("updating/ExpModeInfo_FEM.mat", "psiExp_m", {"size": "58 x 5"}),
+    ],
+)
+def test_files_of_other_programs(inspected, name, entry, expected):
+    assert expected.items() <= inspected(SHARED / name)[0][entry].items()
