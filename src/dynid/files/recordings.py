@@ -153,7 +153,7 @@ class Recording:
     def times(self, channel: RecordedChannel) -> NDArray[np.float64]:
         """Return the times of the samples of a channel that states its clock, s."""
         if channel.times:
-            return self.array(channel.times).astype(np.float64) + channel.start
+            return np.add(self.array(channel.times), channel.start, dtype=np.float64)
         return channel.start + channel.step * np.arange(channel.length)
 
 
