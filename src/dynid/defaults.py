@@ -189,6 +189,9 @@ LACK_OF_FIT = Level(
     1e-3,
     "a model lacks fit where its residuals beside the saturated model's have a probability below {value:g}",
 )
+NONLINEAR = Level(
+    1e-3, "joints are nonlinear where the score test of linear ones has a probability below {value:g}"
+)
 EXPLAINED = Level(
     0.95, "a model that lacks fit explains a record nevertheless where it explains {value:g} of its signal"
 )

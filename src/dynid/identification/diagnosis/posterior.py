@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from dynid.identification.diagnosis.equivalent_optima import EquivalentOptima
     from dynid.identification.diagnosis.model_error import ModelError
     from dynid.identification.diagnosis.proportional_noise import GrowingResiduals
+    from dynid.identification.likelihood.nonlinearity import Nonlinearity
 
 
 # Residuals above this part of a channel's RMS invalidate the estimates if they are not noise …
@@ -550,6 +551,15 @@ class Posterior:
                 residual_shape(residual, OUTLIER.value) if left > _SHAPE_ROUND_OFF * signal else None
             )
         return shapes
+
+    @cached_property
+    def nonlinearity(self) -> Nonlinearity | None:
+        """The score test of the joints; None where there is no record of time, or no scalar joint."""
+        if all(record.sampling_step is None for record in self.likelihood.records):
+            return None
+        from dynid.identification.likelihood.nonlinearity import nonlinearity  # of records of time alone
+
+        return nonlinearity(self.likelihood, self.fit, white=not is_coloured(self.whiteness_p))
 
     @property
     def robust(self) -> bool:

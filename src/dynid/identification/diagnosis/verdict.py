@@ -135,13 +135,15 @@ def _unique_warnings(posterior: Posterior) -> Iterator[str]:
 
 
 def _possible_causes(posterior: Posterior) -> str:
-    """Return what may cause a lack of fit: limits at which estimates are first."""
+    """Return what may cause a lack of fit: estimates at a limit first, and the test of the joints."""
+    tested = posterior.nonlinearity
+    causes = POSSIBLE_CAUSES if tested is None else f"{POSSIBLE_CAUSES}; {tested.verdict}"
     names, priors = posterior.likelihood.names, posterior.likelihood.priors
     held = np.flatnonzero(priors.at_bound(posterior.fit.eta) & ~priors.fixed)
     if not len(held):
-        return POSSIBLE_CAUSES
+        return causes
     limited = ", ".join(names[k] for k in held)
-    return f"{limited} {'are' if len(held) > 1 else 'is'} at a limit: check it first. {POSSIBLE_CAUSES}"
+    return f"{limited} {'are' if len(held) > 1 else 'is'} at a limit: check it first. {causes}"
 
 
 def _estimate_warnings(posterior: Posterior) -> Iterator[str]:

@@ -20,6 +20,7 @@ from dynid.identification.likelihood.record_likelihood import RecordFit, RecordL
 from dynid.identification.likelihood.saturated_model import (
     ChannelColumns,
     ForcedRegressors,
+    Regressors,
     SaturatedCoordinates,
     delayed_residuals,
     fault_columns,
@@ -382,17 +383,21 @@ class TimeRecord(RecordLikelihood):
         at = values(self.unknowns, fit.eta), rates(self.unknowns, fit.eta)
         return information(names, rows[:, n : n + p], rows[:, :n] @ self.root, signal, count, *at)
 
-    def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
-        """Return the channels, in units of their RMS, in directions of their saturated models."""
-        assert fit.measured is not None
-        predicted = self.predicted(fit)
-        times, white = self.model.times, self.data.passed == 1
+    def shared_regressors(self, fit: RecordFit) -> Regressors:
+        """Return the regressors of the saturated model that the channels share (times x any)."""
+        times = self.model.times
         max_count = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
         forced = _FORCED.setdefault(self.model, {})
         if max_count not in forced:
             inputs = [self.model.inputs(order) for order in (0, 1)]
             forced[max_count] = forced_regressors(self.model.signals, inputs, times, max_count)
-        shared = regressors_in_time(forced[max_count], self.model.poles(fit.eta), times, max_count)
+        return regressors_in_time(forced[max_count], self.model.poles(fit.eta), times, max_count)
+
+    def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
+        """Return the channels, in units of their RMS, in directions of their saturated models."""
+        assert fit.measured is not None
+        predicted, white = self.predicted(fit), self.data.passed == 1
+        shared = self.shared_regressors(fit)
         coordinates = []
         for c, rms in enumerate(self.data.rms):
             there = ~np.isnan(fit.residual[:, c])

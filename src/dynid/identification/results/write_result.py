@@ -92,7 +92,7 @@ from dynid.structure.excitation import inputs_of
 from dynid.structure.ports import source_names
 
 _PARAMETERS, _STAGES = "identification/parameters", "identification/stages"
-_DIAGNOSTICS = "identification/diagnostics"
+_DIAGNOSTICS, _NONLINEARITY = "identification/diagnostics", "identification/nonlinearity"
 #: Groups that have the samples of a record for an axis.
 _SAMPLED = tuple(
     f"identification/{group}"
@@ -169,6 +169,8 @@ def add_identification(
         for name in ("log_likelihood", "log_posterior", "undecided"):
             result.add(f"{group}/{name}", getattr(optima, name), ("optimum",))
     _add_diagnostics(result, posterior, [] if check is None else check.warnings)
+    if result.wants_below(_NONLINEARITY):
+        _add_nonlinearity(result, posterior)
     if posterior.model_error is not None:
         posterior.model_error.add_to(result, [channel.name for channel in posterior.channels])
     if result.wants_below(DERIVED):
@@ -287,6 +289,21 @@ def _add_comparison(result: Result, posterior: Posterior) -> None:
     }
     if remark := next((text for text, holds in remarks.items() if holds), ""):
         result.annotate(_PARAMETERS, error_bars=remark)
+
+
+def _add_nonlinearity(result: Result, posterior: Posterior) -> None:
+    """Add ``nonlinearity/``: the score test of the joints, of records of time."""
+    if (tested := posterior.nonlinearity) is None:
+        return
+    from dynid.identification.likelihood.nonlinearity import TERMS  # of records of time alone
+
+    group, dims = _NONLINEARITY, ("joint", "term")
+    result.add_axes(group, joint=list(tested.joints), term=list(TERMS))
+    result.add(f"{group}/p", tested.p, dims)
+    result.add(f"{group}/size", tested.size, dims, "%")
+    result.add(f"{group}/joint_p", tested.joint_p, ("joint",))
+    result.add(f"{group}/nonlinear_p", tested.nonlinear_p)
+    result.annotate(group, verdict=tested.verdict, nonlinear=tested.nonlinear)
 
 
 def _add_residual_tests(result: Result, posterior: Posterior) -> None:
@@ -454,7 +471,7 @@ def raise_rejected(posterior: Posterior, *further: Callable[[Result, Posterior],
     result = Result("identification")
     result.attrs["status"] = REJECTED
     result.annotate("identification", estimator=posterior.method, rejected=str(error))
-    for add in (_add_estimates, _add_stages, _add_fits, _add_diagnostics, *further):
+    for add in (_add_estimates, _add_stages, _add_fits, _add_diagnostics, _add_nonlinearity, *further):
         group = Result("identification")
         try:
             add(group, posterior)

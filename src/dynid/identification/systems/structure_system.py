@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,20 @@ from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel, Term
 from dynid.structure.ports import Channel, Load
 from dynid.structure.state_space import massless_motion
+
+
+class JointPorts(NamedTuple):
+    """The scalar joints of a structure: their `names`, and the forces that they exert.
+
+    `motions`: rows of the relative displacements (joints x n), whose restoring forces are positive; `B`:
+    derivatives of the states by the forces (2 n x joints); `direct`: those of the channels (channels x
+    joints).
+    """
+
+    names: tuple[str, ...]
+    motions: Array
+    B: Array
+    direct: Array
 
 
 class StructureSystem(LinearSystem):
@@ -100,6 +114,28 @@ class StructureSystem(LinearSystem):
         D_slopes = np.where(accelerations, rows @ B_slopes[:, n:], 0.0)
         return Matrices(
             system.A, system.B, system.C, system.D[None], A_slopes, B_slopes, C_slopes, D_slopes[:, None]
+        )
+
+    def joint_ports(self, values: Mapping[str, float]) -> JointPorts:
+        """Return the motions of the scalar joints, and how forces that they exert act."""
+        scalar = [
+            joint
+            for joint in self.model.joints
+            if any(term.letter != "m" for term in joint.terms)
+            and all(term.parameter.matrix is None for term in joint.terms)
+        ]
+        names = [f"{joint.name}{f'.{joint.component}' if joint.component else ''}" for joint in scalar]
+        ends = [[self.model.row(dof) for dof in joint.dofs] for joint in scalar]
+        motions = np.array([rows[0] - sum(rows[1:]) for rows in ends]).reshape(len(scalar), self.model.size)
+        driven = self._driven
+        forces = -motions.T
+        forces[[coordinate for coordinate in driven.held if coordinate >= 0]] = (
+            0.0  # their motion is prescribed
+        )
+        accelerations = np.linalg.solve(driven.mass(self.model.dense(values)[0]), forces)
+        direct = np.where(np.array(driven.orders)[:, None] == 2, driven.rows @ accelerations, 0.0)
+        return JointPorts(
+            tuple(names), motions, np.concatenate([np.zeros_like(forces), accelerations]), direct
         )
 
     @cached_property

@@ -44,6 +44,7 @@ _BADLY = 1e3
 _RESIDUAL_ROUND_OFF = 1e-11
 _MEASURED, _DIAGNOSTICS = "identification/measurement", "identification/diagnostics"
 _PARAMETERS, _REJECTED = "identification/parameters", "identification/rejected"
+_NONLINEARITY = "identification/nonlinearity"
 
 
 def method(result: Result) -> str:
@@ -383,6 +384,8 @@ def verdict_statements(result: Result) -> Iterator[Statement]:
     tone = "bad" if not good else "good" if white else ""
     yield Statement(str(result.value(f"{_DIAGNOSTICS}/verdict")), tone)
     yield from _residuals(result, white=white)
+    if tested := result.group_attrs.get(_NONLINEARITY):
+        yield Statement(str(tested["verdict"]), "bad" if tested["nonlinear"] else "")
     yield from map(Statement, noise_sentences(result))
     yield from _error_bars(result, sound=white or exact or lacks_fit(result))
     group = _estimates_group(result)
