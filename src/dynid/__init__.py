@@ -18,8 +18,9 @@ from dynid.builders import GraphBuilder, StructureBuilder, scene_from
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
     from types import ModuleType
+    from typing import Any
 
     from dynid import checks, errors, lti, report, store
     from dynid.result import Result
@@ -73,13 +74,26 @@ def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> S
     return load(path, overrides)
 
 
-def run(scene: Scene | str | os.PathLike[str]) -> Result:
+def run(
+    scene: Scene | str | os.PathLike[str], data: Mapping[str, Mapping[str, Any] | Any] | None = None
+) -> Result:
     """Run a scene, or the scene in a file; nothing is written, and the scene's `expect` is not evaluated.
 
     `dynid.write_result` writes the result; `dynid.checks.check_expectations` evaluates expectations.
 
+    Parameters
+    ----------
+    scene
+        The scene, or its YAML file.
+    data
+        Arrays in place of files that the scene names, by their names there: columns of numbers (n) by name,
+        as ``{"logger.csv": {"time": t, "A3": a3}}``, in the unit that the name has in brackets; matrices
+        (n x n), full or sparse, by name or one alone; frequency responses, complex, with their frequencies.
+
     Raises
     ------
+    dynid.errors.UsageError
+        Where the scene names no such file, or what is supplied are no arrays of numbers.
     dynid.errors.NumericalError
         Where the question has no trustworthy answer (singular, diverged, not identifiable). Where a fit was
         rejected, `result` of the error shows it: measured, predicted and diagnostics.
@@ -90,7 +104,14 @@ def run(scene: Scene | str | os.PathLike[str]) -> Result:
     from dynid.scene.run import run_scene
 
     loaded = scene if isinstance(scene, Scene) else load_scene(scene)
-    result = run_scene(loaded)
+    if data is None:
+        result = run_scene(loaded)
+    else:
+        from dynid.file_access import supplying
+        from dynid.scene.files import supplied_arrays
+
+        with supplying(supplied_arrays(loaded, data)):
+            result = run_scene(loaded)
     if getattr(loaded.model, "accuracy", None) is not None:
         from dynid.bench.scenes import add_accuracy
 

@@ -10,9 +10,11 @@ import re
 import stat
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 from dynid.errors import FileError
 
@@ -34,11 +36,33 @@ _PART = re.compile(r"\.dynid-(?:(?P<host>[0-9a-f]{8})-(?P<process>\d+)-)?[0-9a-f
 _ABANDONED = 600.0
 
 
+#: Arrays in place of files, by their absolute paths.
+_supplied: ContextVar[Mapping[str, Any] | None] = ContextVar("supplied", default=None)
+
+
+@contextlib.contextmanager
+def supplying(arrays: Mapping[Path, Any]) -> Iterator[None]:
+    """Let arrays stand in place of files."""
+    token = _supplied.set({os.path.abspath(path): array for path, array in arrays.items()})  # noqa: PTH100
+    try:
+        yield
+    finally:
+        _supplied.reset(token)
+
+
+def supplied(path: Path) -> Any:
+    """Return what stands in place of a file, as `supplying` has it; None: the file itself counts."""
+    arrays = _supplied.get()
+    return arrays.get(os.path.abspath(path)) if arrays else None  # noqa: PTH100 - links are not followed
+
+
 def check_readable(path: Path, names: Sequence[str] = ()) -> None:
     """Raise `FileError`, with `names` of keys, for a path that is no file, or one that cannot be read.
 
-    Nothing is opened: a pipe would wait.
+    Nothing is opened: a pipe would wait. Arrays may stand in place of the file.
     """
+    if supplied(path) is not None:
+        return
     if not os.path.isfile(path):  # noqa: PTH113 (False, too, for a name that no file can have)
         remedy = "Paths in a scene are relative to the scene's folder."
         raise FileError(f"{path} is no file", remedy=remedy, names=names)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from dynid.errors import FileError
-from dynid.file_access import check_readable
+from dynid.file_access import check_readable, supplied
 from dynid.files import (
     bulk_data,
     exodus,
@@ -180,6 +180,15 @@ FORMATS: tuple[FileFormat, ...] = (
     TEXT_TABLE,
 )
 
+#: Arrays that Python code supplies in place of a file of any name.
+_ARRAYS = _recorder(
+    "arrays",
+    (),
+    _later("supplied_arrays:recording"),
+    matrices=Container(_later("supplied_arrays:members"), _later("supplied_arrays:load")),
+    responses=frequency_responses.from_arrays,
+)
+
 _PLURAL = {"matrix": "matrices", "mesh": "meshes"}
 
 
@@ -188,6 +197,8 @@ def format_of(path: Path, *contents: Content, names: Sequence[str] = ()) -> File
 
     `names` are the keys of the scene that name the file, for errors.
     """
+    if supplied(path) is not None and any(getattr(_ARRAYS, content) for content in contents):
+        return _ARRAYS
     holding = _holding(contents)
     formats = [form for form in holding if path.suffix.lower() in form.extensions]
     if not formats and TEXT_TABLE in holding:

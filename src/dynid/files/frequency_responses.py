@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
+from dynid.file_access import supplied
 from dynid.files.hdf5_data import complex_datasets, present
 from dynid.files.matlab import complex_columns
 from dynid.files.table import DataFile, Heading
 from dynid.files.text_table import complex_number, read_text
 from dynid.files.universal_file import UniversalFunction, read_functions
+from dynid.suggestions import did_you_mean, shortened
 from dynid.units import split_heading
 
 ColumnName: TypeAlias = str | int
@@ -133,6 +135,25 @@ def from_matlab(file: DataFile, layout: ResponseLayout) -> MeasuredResponses:
 
     omega = column(_FREQUENCY if layout.frequency is None else [layout.frequency], "frequency")
     return _measured(file, layout, column, omega, default)
+
+
+def from_arrays(file: DataFile, layout: ResponseLayout) -> MeasuredResponses:
+    """Return the frequency responses in arrays that stand in place of a file; by default all of them."""
+    arrays = supplied(file.path)
+
+    def column(names: Sequence[ColumnName], key: str) -> NDArray[Any]:
+        name = next((name for name in names if name in arrays), None)
+        if name is None:
+            hint = did_you_mean(str(names[0]), arrays) or f"; it has {shortened([*arrays])}"
+            file.refuse(f"has no array '{names[0]}'{hint}", key=key)
+        return np.asarray(arrays[name]).reshape(len(arrays[name]), -1)
+
+    frequency = _FREQUENCY if layout.frequency is None else [layout.frequency]
+    others = [name for name in arrays if name not in frequency]
+    omega = column(frequency, "frequency")
+    return _measured(
+        file, layout, column, omega, lambda: np.column_stack([column([name], "columns") for name in others])
+    )
 
 
 def _measured(

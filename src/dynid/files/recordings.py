@@ -152,9 +152,8 @@ class Recording:
 
     def times(self, channel: RecordedChannel) -> NDArray[np.float64]:
         """Return the times of the samples of a channel that states its clock, s."""
-        if channel.times:
-            return np.add(self.array(channel.times), channel.start, dtype=np.float64)
-        return channel.start + channel.step * np.arange(channel.length)
+        after = self.array(channel.times) if channel.times else channel.step * np.arange(channel.length)
+        return np.asarray(after + channel.start, dtype=np.float64)
 
 
 def read(source: Callable[[DataFile], Recording], file: DataFile, request: ColumnRequest) -> DataTable:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import Fault, FileError
+from dynid.errors import Fault, FileError, UsageError
 from dynid.file_access import check_readable, dataset_of
 from dynid.scene.kind import KINDS
 from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.source import path_of, set_values
+from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
@@ -56,6 +57,30 @@ def missing_files(scene: Scene) -> list[Fault]:
     return faults
 
 
+def supplied_arrays(scene: Scene, data: Mapping[str, Any]) -> dict[Path, dict[str, Any]]:
+    """Return arrays that are to stand in place of files of a scene, checked, by the paths of the files.
+
+    Raises `UsageError` where the scene names no such file, or what is supplied are no arrays of numbers.
+    """
+    from dynid.files.supplied_arrays import arrays_of
+
+    if scene.kind == "study":
+        raise UsageError("a study reads files; arrays are supplied to single scenes")
+    names = {dataset_of(_value(scene.source.data, path))[0] for path in file_places(scene.source.data)}
+    for name in data:
+        if name not in names:
+            hint = did_you_mean(name, names) or f"; it names {shortened(sorted(names)) or 'no files'}"
+            raise UsageError(f"the scene names no file '{name}'{hint}")
+    return {scene.folder / name: arrays_of(name, arrays) for name, arrays in data.items()}
+
+
+def _value(data: Any, path: KeyPath) -> Any:
+    """Return the value at a path of a scene."""
+    for key in path:
+        data = data[key]
+    return data
+
+
 def _missing(scene: Scene, elsewhere: Sequence[KeyPath]) -> list[Fault]:
     """Return the missing files of a scene, except at paths that something else sets."""
     unread = KINDS[scene.kind].load("unread")
@@ -71,9 +96,7 @@ def _is_below(path: KeyPath, parts: Iterable[KeyPath]) -> bool:
 
 def _why_not(folder: Path, data: Any, key_path: KeyPath) -> str:
     """Return why the file at a path cannot be read, in the words of a run; empty where it can."""
-    name = data
-    for key in key_path:
-        name = name[key]
+    name = _value(data, key_path)
     path = folder / (dataset_of(name)[0] if key_path[:2] == ("structure", "matrices") else name)
     try:
         check_readable(path)
