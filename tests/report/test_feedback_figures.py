@@ -51,13 +51,21 @@ def test_captions_and_tables_mark_what_is_computed_from_approximants(controller)
     result = dynid.run(check_source(parse_source(text, "scene.yaml")))
     pictures = {figure.name: figure.draw() for figure in figures(result)}
     late = "delay" in controller
-    rational = {"poles-J.f-r", "root-locus-loop-1", "port-dynamics", "equivalent-source", "port-impedances"}
-    exact = {"bode", "nyquist", "loop-nyquist", "sensitivity-functions", "performance"}
+    rational = {"root-locus-loop-1", "port-dynamics", "equivalent-source", "port-impedances"}
+    exact = {
+        "poles-J.f-r",
+        "bode",
+        "nyquist",
+        "loop-bode",
+        "loop-nyquist",
+        "sensitivity-functions",
+        "performance",
+    }
     assert rational | exact <= pictures.keys()
     for name in rational:
         assert ("Delays are Padé approximants of order 6." in pictures[name].caption) == late
     assert not any("Padé" in pictures[name].caption for name in exact)
-    assert pictures["poles-J.f-r"].table.columns[0] == ("root (approximate)" if late else "root")
+    assert pictures["poles-J.f-r"].table.columns[0] == "root"
     sections = {section.title: section for section in content(result).sections}
     mark = " (approximate)" if late else ""
     assert {f"Port j -> b{mark}", f"Sources{mark}", f"State equations{mark}"} <= sections.keys()
@@ -65,21 +73,39 @@ def test_captions_and_tables_mark_what_is_computed_from_approximants(controller)
     (channel,) = sections["J.f / r"].blocks
     items = dict(channel.items)
     for name in ("zeros", "poles", "step response"):
-        assert items[name][0].endswith(" (approximate)") == late
-    assert items["properties"][0].startswith(f"order {7 if late else 1}{mark} · relative degree 1 · T(0) ")
+        assert not items[name][0].endswith(" (approximate)")
+    order = "" if late else "order 1 · "
+    assert items["properties"][0].startswith(f"{order}relative degree 1 · T(0) ")
 
 
-def test_zeros_and_undershoot_of_approximants_are_not_given_as_those_of_the_delay():
-    """A delayed set point gives J.f = 0 until the delay is over: it neither undershoots nor has a zero."""
+def test_a_dead_time_neither_undershoots_nor_has_a_zero():
+    """A delayed set point gives J.f = 0 until the delay is over."""
     text = SCENE.replace("CONTROLLER", "{gain: 2, delay: 0.1}").replace("reference: r", "setpoint: r")
     text = text.replace("[properties]", "[zeros, properties, step_info]")
     result = dynid.run(check_source(parse_source(text, "scene.yaml")))
-    assert float(result.value("bond_graph/properties/J.f/r/undershoot")) > 0.01
+    assert result.value("bond_graph/properties/J.f/r/undershoot") == 0
+    assert not result.value("bond_graph/properties/J.f/r/minimum_phase")
     sections = {section.title: section for section in content(result).sections}
     items = dict(sections["J.f / r"].blocks[0].items)
-    assert items["zeros"][1].startswith("non-minimum phase: ")
-    assert items["zeros"][1].endswith("; its inverse is unstable (approximate)")
-    assert " · undershoot not given: delays are approximated · " in items["step response"][0]
+    assert items["zeros"][1] == "non-minimum phase: dead time of 0.1 s; there are no finite zeros"
+    assert "undershoot" not in items["step response"][0]
+
+
+def test_the_phase_of_a_delay_is_followed_between_the_frequencies():
+    """L = 2 e^(-s 20)/(0.5 s + 0.2): it turns by 1,000 rad up to 50 rad/s, on nine frequencies."""
+    text = SCENE.replace("CONTROLLER", "{gain: 0.1, delay: 20}")
+    more = "[properties, frequency_response], frequency: {start: 0.5, stop: 50, points: 9}"
+    result = dynid.run(check_source(parse_source(text.replace("[properties]", more), "scene.yaml")))
+    omega = result["bond_graph/sensitivity_functions/omega"].data
+    phase = result["bond_graph/sensitivity_functions/phase"].data[:, 0]
+    expected = -20 * omega - np.arctan2(0.5 * omega, 0.2)
+    np.testing.assert_allclose(phase, np.rad2deg(expected), rtol=1e-12)
+    (picture,) = (figure.draw() for figure in figures(result) if figure.name == "loop-bode")
+    assert f"{picture.table.rows[-1][-1]:.6g}" == f"{phase[-1]:.6g}"
+    closed = result["bond_graph/frequency_response/phase"].data[:, 0, 0]
+    s = 1j * omega
+    response = 1 / (0.5 * s + 0.2 + 0.1 * np.exp(-20 * s))
+    assert np.exp(1j * np.deg2rad(closed)) == pytest.approx(response / np.abs(response), abs=1e-9)
 
 
 @pytest.mark.parametrize("controller", ["{gain: 2, delay: 0.1}", "{pid: {kp: 2, ki: 5}}"])

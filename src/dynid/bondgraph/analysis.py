@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.arithmetic.ldl import reference
 from dynid.bondgraph.analysis_request import ENGINES, RESULTS, Analysis
 from dynid.bondgraph.field_expansion import field_warnings
 from dynid.bondgraph.graph import Bond, BondGraph
@@ -180,6 +181,11 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
 
             evaluate = delayed_response(_opened(analysis), analysis.loops, reduced.inputs, reduced.outputs)
         add_frequency_response(result, reduced, analysis.omega, evaluate)
+        if evaluate is not None:
+            from dynid.bondgraph.results.margin_results import add_phase
+
+            delays = sum(float(reference(loop.delay)) for loop in analysis.loops)
+            add_phase(result, "bond_graph/frequency_response", "response", evaluate, delays)
     if "time_response" in asked and analysis.times is not None:
         report_progress("time response")
         delayed, modelled = None, reduced

@@ -8,7 +8,7 @@ followed over intervals on which it provably turns by less than half a turn.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from fractions import Fraction
 
@@ -31,6 +31,8 @@ _BALL = 100
 _NARROW_DOUBLE = 2.0**-30
 #: Relative width below which an interval of frequencies is not divided further.
 _NARROW = 2.0**-60
+#: Binary digits to which a root is on the axis that is at the limit: half of those of doubles.
+_LIMIT_BITS = 26
 #: Size below which a root beside one at the origin is that root.
 _ORIGIN_ROOT_SIZE = 1e-30
 #: Halvings of a frequency down to where the lowest power prevails.
@@ -55,6 +57,8 @@ def stability(closed: QuasiPolynomial, work: Work | None = None) -> Verdict:
     work = work or Work(COUNT)
     try:
         right = _roots_right(closed, work)
+    except _OnAxis as error:
+        return _at_limit(closed, error) or Verdict("undecided", error.problem, math.nan)
     except Undecided as error:
         return _at_infinity(closed, work) or Verdict("undecided", error.problem, math.nan)
     if right:
@@ -64,6 +68,29 @@ def stability(closed: QuasiPolynomial, work: Work | None = None) -> Verdict:
         several = f"a root of multiplicity {at_origin}" if at_origin > 1 else "a root of the closed loop"
         return Verdict("marginal", f"{several} lies at the origin", 0)
     return Verdict("stable", "no root lies in the right half-plane (Nyquist count with delays)", 0)
+
+
+class _OnAxis(Undecided):
+    """A root that the working precision does not tell from one on the imaginary axis."""
+
+    def __init__(self, frequency: float) -> None:
+        super().__init__(
+            f"a root lies on the imaginary axis near {frequency:.6g} rad/s, or within round-off of it"
+        )
+        self.frequency = frequency
+
+
+def _at_limit(closed: QuasiPolynomial, near: _OnAxis) -> Verdict | None:
+    """Return the verdict on a root that is proved to lie next to the axis, and how near; else None."""
+    root = refined_root(closed, complex(0, near.frequency))
+    if root is None or not abs(root.value):
+        return None
+    distance = abs(root.value.real) + root.radius
+    bits = math.floor(-math.log2(distance / abs(root.value)))
+    if bits < _LIMIT_BITS:
+        return None
+    where = f"a root at ±{abs(root.value.imag):.6g}j rad/s lies on the imaginary axis"
+    return Verdict("at the limit", f"{where} within 2^-{bits} of its size", math.nan)
 
 
 def _counted(right: int) -> str:
@@ -78,7 +105,7 @@ def _at_infinity(closed: QuasiPolynomial, work: Work) -> Verdict | None:
     degrees = {delay: int(polynomial.degree()) for delay, polynomial in closed.terms.items()}
     if degrees.get(Fraction(0), -1) < max(degrees.values()):
         reason = f"a delayed term differentiates more often than any prompt one: {_INFINITELY_MANY}"
-        return Verdict("unstable", reason, math.inf)
+        return Verdict("unstable", reason + _chain(closed, degrees), math.inf)
     leading = {loops: value for loops, value in closed.leading(closed.degree).items() if value}
     apart = separation(leading)
     if apart is None:
@@ -109,6 +136,22 @@ def _at_infinity(closed: QuasiPolynomial, work: Work) -> Verdict | None:
         return Verdict("unstable", _counted(right), right)
     reason = "stable at these delays, not at delays however near: the gain at high frequencies is too large"
     return Verdict("at the limit", reason, 0)
+
+
+def _chain(closed: QuasiPolynomial, degrees: Mapping[Fraction, int]) -> str:
+    """Return where the rightmost chain of roots of an advanced equation lies; '' without a prompt term.
+
+    At high frequencies c_0 s^n + c_k s^(n + d) exp(-s τ) = 0, with the delay of the largest d/τ.
+    """
+    prompt = degrees.get(Fraction(0))
+    if prompt is None:
+        return ""
+    late = [delay for delay in degrees if delay]
+    delay = max(late, key=lambda delay: (degrees[delay] - prompt) / delay)
+    order = degrees[delay] - prompt  # at least 1
+    ratio = abs(int(closed.terms[delay][degrees[delay]]) / int(closed.terms[Fraction(0)][prompt]))
+    size = f"{ratio:.4g} ω^{order}" if order > 1 else f"{ratio:.4g} ω"
+    return f", with real parts near ln({size})/({float(delay):.4g} s)"
 
 
 def _operator_zeros(closed: QuasiPolynomial, work: Work, line: float = 0.0) -> tuple[int, Fraction]:
@@ -285,9 +328,7 @@ def _ball_turns(balls: Balls, start: float, top: float, work: Work) -> Iterator[
                 yield float((end_value / start_value).arg().mid())
             elif high - low <= _NARROW * high or high <= arb(top) * _NARROW**2:
                 where = float(high.mid())
-                raise Undecided(
-                    f"a root lies on the imaginary axis near {where:.6g} rad/s, or within round-off of it"
-                )
+                raise _OnAxis(where)
             else:
                 middle = middle.mid()
                 intervals += [(middle, high), (low, middle)]

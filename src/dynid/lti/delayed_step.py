@@ -90,16 +90,18 @@ class _DelayedStep(StepResponse):
 
     def _largest(self, sign: int) -> tuple[float, float]:
         """Return the supremum of sign · d over t > 0 and its time; 0 at inf where d has the other sign."""
-        best = float((sign * self._values).max())
+        values = sign * self._values
+        best = float(values.max())
         if best <= 0:
             return 0.0, math.inf
-        segment = int((sign * self._values).max(axis=1).argmax())
-        at, value = self._points[int((sign * self._values[segment]).argmax())], best
+        segment, point = divmod(int((values >= best * (1 - _ROUNDING)).argmax()), _POINTS)  # the first one
+        at, value = self._points[point], float(values[segment, point])
         slope = np.trim_zeros(chebyshev.chebder(self._deviations[segment]), "b")
         roots = chebyshev.chebroots(slope) if len(slope) > 1 else np.zeros(0)
         for root in roots[np.abs(roots.imag) < 1e-9].real:
-            if -1 < root < 1 and (size := sign * chebyshev.chebval(root, self._deviations[segment])) > value:
-                at, value = (root + 1) / 2, float(size)
+            size = float(sign * chebyshev.chebval(root, self._deviations[segment]))
+            if -1 < root < 1 and size > value * (1 + _ROUNDING):
+                at, value = (root + 1) / 2, size
         time = self._time(segment, at)
         self._extremes[time] = sign * value
         return value, time

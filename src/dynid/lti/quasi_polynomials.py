@@ -7,14 +7,18 @@ Values are enclosed by ball arithmetic; single roots are refined by Newton's met
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import numpy as np
 from flint import Ordering, acb, acb_poly, arb, ctx, fmpq, fmpz_mpoly_ctx, fmpz_poly
+from numpy.typing import NDArray
 
+#: Most frequencies at which a phase is followed, some seconds, and halvings of their steps.
+_MAX_PHASE_POINTS, _PHASE_HALVINGS = 20_000, 30
 #: Working precision, bits.
 PRECISION = 160
 #: Relative size of a step that ends Newton's method.
@@ -249,6 +253,42 @@ def refined_root(function: QuasiPolynomial, start: complex) -> RefinedRoot | Non
 
 
 # --- values ----------------------------------------------------------------------------------------
+
+
+def continuous_phase(
+    evaluate: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
+    omega: NDArray[np.float64],
+    delays: float,
+) -> NDArray[np.float64] | None:
+    """Return the phases, rad, of responses (omega x …), followed along the frequencies, rad/s.
+
+    Between them frequencies are added until none turns by more than a quarter turn a step; steps are an
+    eighth of a turn of all `delays`, s, together, to begin with, from where they have hardly turned anything.
+    None where that takes too many frequencies.
+    """
+    ends = np.concatenate([np.minimum(omega[:1], math.pi / 8 / delays), omega])
+    ends = ends[np.flatnonzero(np.diff(ends, prepend=-1.0) > 0)]
+    parts = np.maximum(1, np.ceil(np.diff(ends) * delays / (math.pi / 4))).astype(int)
+    if parts.sum() > _MAX_PHASE_POINTS:
+        return None
+    pieces = zip(ends, ends[1:], parts.tolist(), strict=False)
+    grid = np.concatenate([*(np.linspace(*piece, endpoint=False) for piece in pieces), ends[-1:]])
+    values = evaluate(grid)
+    for _ in range(_PHASE_HALVINGS):
+        with np.errstate(all="ignore"):
+            turns = np.abs(np.angle(values[1:] / values[:-1]))
+        wide = np.flatnonzero((turns > math.pi / 2).any(axis=tuple(range(1, values.ndim))))
+        if not len(wide) or len(grid) + len(wide) > 2 * _MAX_PHASE_POINTS:
+            break
+        middles = (grid[wide] + grid[wide + 1]) / 2
+        grid = np.insert(grid, wide + 1, middles)
+        values = np.insert(values, wide + 1, evaluate(middles), axis=0)
+    flat = values.reshape(len(grid), -1)
+    phases = np.full(flat.shape, np.nan)
+    for column in range(flat.shape[1]):
+        defined = np.isfinite(flat[:, column]) & (flat[:, column] != 0)
+        phases[defined, column] = np.unwrap(np.angle(flat[defined, column]))
+    return phases.reshape(values.shape)[np.searchsorted(grid, omega)]
 
 
 def on_axis(top: QuasiPolynomial, bottom: QuasiPolynomial, omega: Iterable[float]) -> list[complex]:

@@ -239,7 +239,16 @@ def figures(result: Result) -> list[Figure]:
 
 #: Beginnings of the names of the figures that answer a kind of scene, the most important first.
 _LEADING = {
-    "bond-graph": ("design", "bode", "loop-nyquist", "poles", "time-response", "nyquist", "bond-graph"),
+    "bond-graph": (
+        "design",
+        "bode",
+        "loop-nyquist",
+        "loop-bode",
+        "poles",
+        "time-response",
+        "nyquist",
+        "bond-graph",
+    ),
     "identification": (
         "estimates",
         "fit",

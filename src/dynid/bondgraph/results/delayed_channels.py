@@ -22,7 +22,7 @@ from dynid.bondgraph.exact_engine import exact_channels
 from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.bondgraph.results.channels import add_roots, natural_frequencies, time_constants
-from dynid.errors import Undecided
+from dynid.errors import NumericalError, Singular, Undecided
 from dynid.lti.axis_boxes import Work
 from dynid.lti.certified_roots import certified_roots, root_balls
 from dynid.lti.delay_stability import COUNT, rightmost_roots, stability
@@ -39,11 +39,15 @@ _MAX_LISTED_ROOTS, _STARTS_ORDER = 20, 12
 _GROUPS = ("bond_graph/transfer_function/", "bond_graph/properties/")
 #: Arrays of channels in which approximants would show.
 _REPLACED = frozenset(
-    {"zero", "zeros", "zero_error_bound", "zeros_error_bound", "pole", "poles", "poles_error_bound"}
+    {f"{root}{name}" for root in ("zero", "pole") for name in ("", "s")}
+    | {
+        f"{root}_{name}"
+        for root in ("zero", "pole")
+        for name in ("error_bound", "error_estimate", "residual")
+    }
     | {"mode", "natural_frequency", "damping_ratio", "time_constant", "stable", "stability", "order"}
     | {"minimum_phase", "zero_stability", "hidden_mode", "hidden_modes", "hidden_mode_cause"}
-    | {"hidden_mode_elements", "zeros_error_estimate", "poles_error_estimate", "zeros_residual"}
-    | {"poles_residual"}
+    | {"hidden_mode_elements"}
 )
 #: Cost of the approximants' roots of all channels: some seconds.
 _ROOT_WORK = 8_000_000
@@ -153,7 +157,10 @@ def true_channels(result: Result, analysis: Analysis, opened: BondGraph) -> dict
     # the signals of loops are known, or what they meet in a controller
     pairs = {tuple(path.split("/")[2:4]): None for path in paths}
     pairs = [(output, source) for output, source in pairs if ports[output].node in opened.nodes]
-    channels = DelayedChannels(opened, analysis, [(ports[output], source) for output, source in pairs])
+    try:
+        channels = DelayedChannels(opened, analysis, [(ports[output], source) for output, source in pairs])
+    except Singular:  # with its loops cut the graph has no unique solution
+        return {}
     for output, source in pairs:
         zeros, poles = channels.zeros_and_poles((ports[output], source))
         arrays = Result(result.kind)
@@ -183,11 +190,14 @@ def true_channels(result: Result, analysis: Analysis, opened: BondGraph) -> dict
 
 def channel_steps(reduced: ReducedGraph, analysis: Analysis, opened: BondGraph) -> dict[Channel, StepInfo]:
     """Return the characteristics of the step responses of all channels, with their delays."""
-    system, _ = delay_system(opened, analysis.loops, reduced.inputs, reduced.outputs)
-    transfers = exact_channels(reduced)  # approximants are exact at s = 0
     ports = {port: _opened_port(port, opened) for port in reduced.outputs}
     ports = {port: within for port, within in ports.items() if within.node in opened.nodes}
-    channels = DelayedChannels(opened, analysis, product(ports.values(), reduced.inputs))
+    try:
+        system, _ = delay_system(opened, analysis.loops, reduced.inputs, reduced.outputs)
+        channels = DelayedChannels(opened, analysis, product(ports.values(), reduced.inputs))
+    except NumericalError as error:
+        return dict.fromkeys(reduced.channels(), StepInfo(f"not computed: {error.problem}"))
+    transfers = exact_channels(reduced)  # approximants are exact at s = 0
     steps: dict[Channel, StepInfo] = {}
     for source in reduced.inputs:
         stable, slowest = [], -math.inf

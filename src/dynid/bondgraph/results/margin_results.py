@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields, replace
 from fractions import Fraction
 from itertools import chain
@@ -27,7 +27,7 @@ from dynid.lti.delay_margins import SEARCH, delay_margins
 from dynid.lti.delay_stability import stability
 from dynid.lti.enclosures import EVALUATIONS
 from dynid.lti.margins import CHANGES, Margins, margins
-from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, on_axis
+from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, continuous_phase, on_axis
 from dynid.lti.stability import Verdict
 from dynid.number_format import counted, roots_text
 from dynid.progress import tracked
@@ -211,6 +211,30 @@ def _add_functions(
             top, bottom = {"L": (above, below), "S": (below, total), "T": (above, total)}[name]
             columns.append(on_axis(top, bottom, omega.tolist()))
         result.add(f"{FUNCTIONS}/{name}", np.array(columns, complex).T, ("omega", "loop"))
+    if all(function.is_rational for function in chain.from_iterable(functions)):
+        return
+
+    def open_loops(frequencies: NDArray[np.float64]) -> NDArray[np.complex128]:
+        loops = [on_axis(above, below, frequencies.tolist()) for above, below in functions]
+        return np.array(loops, complex).T
+
+    delays = max(max(function.terms, default=Fraction(0)) for pair in functions for function in pair)
+    add_phase(result, FUNCTIONS, "L", open_loops, float(delays))
+
+
+def add_phase(
+    result: Result,
+    group: str,
+    name: str,
+    evaluate: Callable[[NDArray[np.float64]], NDArray[np.complex128]],
+    delays: float,
+) -> None:
+    """Add the phases of responses with delays, which turn between the frequencies; none beyond a limit."""
+    phase = continuous_phase(evaluate, result[f"{group}/omega"].data, delays)
+    if phase is None:
+        result.annotate(group, phase_left_out="delays turn it too often between the frequencies")
+    else:
+        result.add(f"{group}/phase", np.rad2deg(phase), result[f"{group}/{name}"].dims, "deg")
 
 
 def _add_locus(

@@ -61,12 +61,12 @@ def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of a bond graph."""
     warnings = texts(result, "bond_graph/warnings")
     delays = str(result.group_attrs.get("bond_graph", {}).get("delays", ""))  # what is approximate with them
-    if warnings:
-        yield ReportSection("Warnings", tuple(Statement(text, "bad") for text in warnings), "answer")
-    yield from _operating_point(result)
     if verdict := system_text(result):
         statement = Statement(f"whole system: {verdict}", "" if verdict.startswith("stable") else "bad")
         yield ReportSection("Whole system", (statement,), "answer", screen="")
+    if warnings:
+        yield ReportSection("Warnings", tuple(Statement(text, "bad") for text in warnings), "answer")
+    yield from _operating_point(result)
     if delays:
         yield ReportSection("Delays", (Statement(delays),), "answer")
     answers = [

@@ -355,12 +355,7 @@ def characteristics(result: Result, output: str, source: str) -> Iterator[Line]:
             parts.append(f"settling time {number('settling_time')} s (2 %)")
             parts.append(f"overshoot {number('overshoot')} %")
             if get["undershoot"] > 0:
-                late = approximate(result, f"{group}/undershoot")  # approximants undershoot, delays do not
-                parts.append(
-                    "undershoot not given: delays are approximated"
-                    if late
-                    else f"undershoot {number('undershoot')} %"
-                )
+                parts.append(f"undershoot {number('undershoot')} %")
         if "peak" in get:
             when = "" if math.isinf(get["peak_time"]) else f" at {number('peak_time')} s"
             parts.append(f"peak {number('peak')}{when}")

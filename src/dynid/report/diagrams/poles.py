@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from dynid.arrays import ComplexArray
 from dynid.number_format import counted
-from dynid.report.diagrams.responses import ROW, decibels, frequencies, nyquist_curves
+from dynid.report.diagrams.responses import (
+    ROW,
+    bode,
+    decibels,
+    degrees,
+    followed_phases,
+    frequencies,
+    nyquist_curves,
+)
 from dynid.report.figure import CellValue, Figure, FigureTable, evenly_spaced, table_of
 from dynid.report.notation import approximation, frequency_label, short
 from dynid.report.plot import (
@@ -109,7 +117,12 @@ def _pole_zero_maps(result: Result, group: str) -> Chart:
         drawn = any(isinstance(layer, Curve) and layer.cls == "s3 fine" for layer in maps[0].layers)
         where = "drawn as discs" if drawn else "too small to be seen, listed in the table"
         certified = f" Certified error bounds, at most {short(float(known.max()), 2)} rad/s: {where}."
-    late = approximation(result.group_attrs.get(group, {}))
+    attributes = [
+        result[f"{group}/{what}s"].attrs for what in ("pole", "zero") if f"{group}/{what}s" in result
+    ]
+    late = next(filter(None, map(approximation, attributes)), "")
+    notes = zip((f"{what}s" for what, *_ in kinds), attributes, strict=False)
+    certified += "".join(f" Of {what}: {attrs['note']}." for what, attrs in notes if "note" in attrs)
     if late and certified:
         certified += " They bound the errors of the roots of the approximants."
     grid = "dashed: constant damping ratio; circles: constant natural frequency"
@@ -248,6 +261,7 @@ _LOOPS = 6
 def loops(result: Result) -> Iterator[Figure]:
     """Yield the Nyquist diagrams of the loops, their sensitivity functions and their root loci."""
     if f"{_FUNCTIONS}/loop" in result:
+        yield Figure("loop-bode", "Bode diagram of the open loops", partial(_open_loops, result))
         yield Figure("loop-nyquist", "Nyquist diagram of the loops", partial(_nyquist, result))
         yield Figure("sensitivity-functions", "Sensitivity functions", partial(_sensitivities, result))
     groups = [
@@ -257,6 +271,41 @@ def loops(result: Result) -> Iterator[Figure]:
         name = f"root-locus-{group.rpartition('/')[2].replace('_', '-')}"
         title = f"Root locus of {result.group_attrs[group]['loop']}"
         yield Figure(name, title, partial(_root_locus, result, group))
+
+
+def _open_loops(result: Result) -> Chart:
+    """Draw L(jω) of every loop, with the margins where they are read off."""
+    at = frequencies(result, f"{_FUNCTIONS}/omega")
+    names, responses = result[f"{_FUNCTIONS}/loop"].data, result[f"{_FUNCTIONS}/L"].data
+    curves = [(str(name), responses[:, k]) for k, name in enumerate(names[:_LOOPS])]
+    phases, factor = followed_phases(result, _FUNCTIONS), at.unit.factor
+    margins = {
+        name: result[f"bond_graph/margins/{name}"].data
+        for name in ("stable", "gain", "phase", "gain_crossover", "phase_crossover")
+    }
+    up: list[Layer] = [Curve(at.shown[[0, -1]], [0.0, 0.0], "", "grid", name="|L| = 1")]
+    down, texts = list[Layer](), []
+    for k, (name, response) in enumerate(curves):
+        phase = degrees(response) if phases is None else phases[k]
+        gain, angle, crossover, where = (float(margins[key][k]) for key in [*margins][1:])
+        if not margins["stable"][k]:
+            texts.append(f"{name}: not defined (not stable)")
+            continue
+        texts.append(f"{name}: gain {short(gain)}, phase {short(angle)}°")
+        if np.isfinite(angle) and at.omega[0] <= crossover <= at.omega[-1]:
+            reached = float(np.interp(np.log(crossover), np.log(at.omega), phase))
+            limits = [360 * round((reached + way + 180) / 360) - 180 for way in (-angle, angle)]
+            limit = min(limits, key=lambda odd: abs(abs(reached - odd) - angle))  # a multiple of 180°
+            ends, title = [crossover * factor] * 2, f"phase margin {angle:.4g}°"
+            down.append(Curve(ends, [limit, reached], "", series_class(k), name=title))
+            down.append(Markers(ends[:1], [reached], "", series_class(k), "o", 4, [title]))
+        if np.isfinite(gain) and gain > 0 and at.omega[0] <= where <= at.omega[-1]:
+            level, ends = -20 * math.log10(gain), [where * factor] * 2
+            title = f"gain margin {gain:.4g}"
+            up.append(Curve(ends, [level, 0.0], "", series_class(k), name=title))
+            up.append(Markers(ends[:1], [level], "", series_class(k), "o", 4, [title]))
+    about = f"L(jω) of every loop, the others closed; margins are marked. {'; '.join(texts)}."
+    return bode(about, at, curves, "1", "magnitude of L", phases=phases, marks=(up, down))
 
 
 def _nyquist(result: Result) -> Chart:

@@ -102,7 +102,7 @@ def figures(result: Result) -> Iterator[Figure]:
             late = approximation(groups[0][1].attrs)
             about = f"Impedances of source and load, as seen from the port.{late}"
             shown = [(name, variable.data) for name, variable in groups]
-            draw = partial(_bode, about, at, shown, groups[0][1].units, "impedance")
+            draw = partial(bode, about, at, shown, groups[0][1].units, "impedance")
             yield Figure("port-impedances", "Impedances at the port", draw)
 
 
@@ -131,6 +131,7 @@ def _bode_and_nyquist(result: Result, group: str) -> Iterator[Figure]:
         for row, output in enumerate(outputs)
         for column, source in enumerate(inputs)
     ]
+    phases = followed_phases(result, group)
     for number, start in enumerate(range(0, len(curves), CURVES), 1):
         part = slice(start, start + CURVES)
         suffix = f"-{number}" if len(curves) > CURVES else ""
@@ -138,12 +139,21 @@ def _bode_and_nyquist(result: Result, group: str) -> Iterator[Figure]:
         tops = [f"|{name}| {peak}" for (name, _), peak in zip(curves[part], peaks[part], strict=True)]
         about = f"{'; '.join(tops[:3])}."
         absolute = group.startswith("structure") and bool(same)
-        draw = partial(_bode, about, at, curves[part], same, "magnitude", absolute=absolute)
+        along = phases[part] if phases is not None else None
+        draw = partial(bode, about, at, curves[part], same, "magnitude", absolute=absolute, phases=along)
         yield Figure(f"bode{suffix}", f"Frequency response{suffix.replace('-', ', part ')}", draw)
     yield Figure("nyquist", "Nyquist diagram", partial(_nyquist, at, curves, units, len(inputs)))
 
 
-def _bode(
+def followed_phases(result: Result, group: str) -> Array | None:
+    """Return the phases of responses with delays, in degrees (curves x omega); None where there are none."""
+    if f"{group}/phase" not in result:
+        return None
+    phase = result[f"{group}/phase"].data
+    return np.asarray(phase.reshape(len(phase), -1).T)
+
+
+def bode(
     about: str,
     at: Frequencies,
     curves: Sequence[_NamedResponse],
@@ -151,22 +161,33 @@ def _bode(
     quantity: str,
     *,
     absolute: bool = False,
+    phases: Array | None = None,
+    marks: tuple[Sequence[Layer], Sequence[Layer]] = ((), ()),
 ) -> Chart:
-    """Draw magnitudes, in dB or absolute on a logarithmic axis, and phases."""
+    """Draw magnitudes, in dB or absolute on a logarithmic axis, and phases.
+
+    `phases`: those of the curves, in degrees, where they turn between the frequencies; default: unwrapped
+    along these. `marks`: of magnitudes and of phases.
+    """
 
     def headed(name: str, unit: str) -> str:
         return labelled(name, unit) if absolute else in_decibels(name, unit)
 
     up, down, columns = list[Layer](), list[Layer](), dict(at.columns)
     for index, (curve, values) in enumerate(curves):
-        size, phase = np.abs(values) if absolute else decibels(values), degrees(values)
+        size = np.abs(values) if absolute else decibels(values)
+        phase = degrees(values) if phases is None else phases[index]
         up.append(Curve(at.shown, size, curve, series_class(index)))
         down.append(Curve(at.shown, phase, "", series_class(index), name=curve))
         columns[headed(f"|{curve}|", units if absolute else units or "1")] = size
         columns[f"∠ {curve} (°)"] = phase
-    magnitude = Subplot(at.axis, PlotAxis(headed(quantity, units), log=absolute), up, height=220.0)
-    phases = Subplot(at.axis, PlotAxis("phase (°)", step=15), down, height=0.7 * 220.0)
-    return Chart([[magnitude], [phases]], about, table_of(columns), shared=True)
+    magnitude_axis, phase_axis = (
+        PlotAxis(headed(quantity, units), log=absolute),
+        PlotAxis("phase (°)", step=15),
+    )
+    magnitude = Subplot(at.axis, magnitude_axis, [*up, *marks[0]], height=220.0)
+    lower = Subplot(at.axis, phase_axis, [*down, *marks[1]], height=0.7 * 220.0)
+    return Chart([[magnitude], [lower]], about, table_of(columns), shared=True)
 
 
 def _nyquist(at: Frequencies, curves: Sequence[_NamedResponse], units: Sequence[str], inputs: int) -> Chart:
@@ -339,5 +360,5 @@ def designed_responses(result: Result) -> Iterator[Figure]:
             f"Frequency response of {name} at the start of the design and as designed; over these "
             f"frequencies at most {first} and {last}."
         )
-        draw = partial(_bode, about, at, curves, "1", "magnitude")
+        draw = partial(bode, about, at, curves, "1", "magnitude")
         yield Figure(f"design{f'-{index + 1}' if index else ''}", f"Design of {name}", draw)
