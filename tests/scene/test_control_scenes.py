@@ -1,5 +1,7 @@
 """Feedback in scenes: controllers, references, identification in closed loop, faults."""
 
+import re
+
 import control
 import mpmath
 import numpy as np
@@ -453,6 +455,85 @@ def test_faults_of_delays_are_located(old, new, message):
     assert old in text
     with pytest.raises(SceneError) as raised:
         scene(text.replace(old, new))
+    assert message in str(raised.value)
+
+
+SAMPLED = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, G: Se, j: 1, m: {type: I, value: 1}, b: {type: R, value: 0.5}}
+  bonds: [F -> j -> m, G -> j, j -> b]
+control:
+  loops:
+    - {from: m.q, to: F, controller: {pid: {kp: 1, ki: 0.3, kd: 0.4, tf: 0.2}, sample: 0.1}, setpoint: w}
+    - {from: m.f, to: G, controller: {gain: 1, sample: 0.1, computation: 0.25}}
+analysis: {outputs: [m.q], inputs: [w]}
+"""
+
+
+def test_sampled_loops_fill_what_continuous_ones_do():
+    """Sampled fast, the margins are those of the continuous loops."""
+    slow = re.sub("computation: 0.25", "computation: 0", SAMPLED)
+    fast = dynid.run(scene(slow.replace("sample: 0.1", "sample: 1.0e-5")))
+    continuous = dynid.run(scene(re.sub(", (sample|computation): [0-9.]+", "", SAMPLED)))
+    for name in ("gain", "gain_reduction", "phase", "Ms", "Mt", "gain_crossover", "modulus_at"):
+        path = f"bond_graph/margins/{name}"
+        assert fast[path].data == pytest.approx(continuous[path].data, rel=1e-3, abs=1e-3), name
+    assert fast.value("bond_graph/system/stable")
+    assert fast.value("bond_graph/system/unstable_poles") == 0
+    s = np.log(fast["bond_graph/sampled/poles"].data) / 1e-5
+    expected = continuous["bond_graph/transfer_function/m.q/w/poles"].data
+    assert np.sort_complex(s) == pytest.approx(np.sort_complex(expected), rel=1e-3)
+
+
+def test_results_of_sampled_loops():
+    result = dynid.run(
+        scene(SAMPLED.replace("inputs: [w]", "inputs: [w], frequency: {start: 1, stop: 9, points: 3}"))
+    )
+    # x, v, filter and integral of the PID, three answers under way of the second loop
+    assert len(result["bond_graph/sampled/poles"].data) == 7
+    assert result.value("bond_graph/system/largest_sample_time") > 0.1
+    L, S = (result[f"bond_graph/sensitivity_functions/{name}"].data for name in "LS")
+    assert pytest.approx(1 / (1 + L), rel=1e-12) == S
+    assert "bond_graph/transfer_function/m.q/w/poles" not in result
+    assert "left_out" in result.group_attrs["bond_graph/root_locus"]
+    unstable = dynid.run(scene(SAMPLED.replace("gain: 1", "gain: 30")))
+    assert unstable.value("bond_graph/system/stability") == "unstable"
+    assert "outside the unit circle" in unstable.value("bond_graph/system/reason")
+    assert unstable.value("bond_graph/system/unstable_poles") > 0
+    assert np.isnan(unstable["bond_graph/margins/gain"].data).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("sample: 0.1, computation", "delay: 1, computation", "'computation' is of a sampled controller"),
+        ("tf: 0.2}, sample: 0.1", "tf: 0.2}, method: zoh", "'method' is of a sampled controller"),
+        ("sample: 0.1, computation", "sample: 0.1, delay", "a sampled controller has no 'delay'"),
+        ("{gain: 1, sample: 0.1, computation: 0.25}", "{gain: 1}", "loops are all sampled or none"),
+        ("gain: 1, sample: 0.1", "gain: 1, sample: 0.2", "write the period of the first, 0.1"),
+        ("tf: 0.2}, sample: 0.1", "tf: 0.2}, sample: 0.1, method: z", "'z' reads coefficients in z"),
+        ("kd: 0.4, tf: 0.2}, sample: 0.1", "kd: 0.4}, sample: 0.1, method: zoh", "'zoh' needs a controller"),
+        (
+            "{gain: 1, sample: 0.1",
+            "{numerator: [1, 2], denominator: [1], method: z, sample: 0.1",
+            "it answers to samples not yet measured",
+        ),
+        ("computation: 0.25", "computation: 11", "an answer takes at most 100 periods"),
+        ("inputs: [w]", "inputs: [w], results: [zeros]", "there is no 'zeros' with sampled loops"),
+        ("inputs: [w]", "inputs: [w], port: j -> b", "there is no 'port' with sampled loops"),
+        (
+            "analysis:",
+            "design: {free: {x: }, targets: [{pole: 1}]}\nparameters: {x: 1}\nanalysis:",
+            "there is no 'design' with sampled loops",
+        ),
+    ],
+)
+def test_faults_of_sampled_loops_are_located(old, new, message):
+    assert old in SAMPLED
+    with pytest.raises(SceneError) as raised:
+        scene(SAMPLED.replace(old, new))
     assert message in str(raised.value)
 
 

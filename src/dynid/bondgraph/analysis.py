@@ -31,6 +31,7 @@ from dynid.result import Result
 
 if TYPE_CHECKING:
     from dynid.bondgraph.cut_loops import CutLoops
+    from dynid.bondgraph.sampled_loops import SampledLoops
 
 
 def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
@@ -53,7 +54,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if analysis.approximations:
         texts = [approximation.why for approximation in analysis.approximations]
         result.add_axis("bond_graph/approximations", np.array(texts, dtype=object))
-    warnings = field_warnings(graph)
+    warnings = [*field_warnings(graph), *_sampling_warnings(analysis)]
     if analysis.linearisation is not None:
         from dynid.bondgraph.results.operating_point import add_operating_point
 
@@ -100,27 +101,33 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
 
 def _cut_loops(analysis: Analysis) -> CutLoops | None:
     """Return the loops of a graph, cut open; None without loops, or without a solution when all are cut."""
-    if analysis.opened is None:
+    if analysis.opened is None or analysis.sampled_loops is not None:
         return None
     from dynid.bondgraph.cut_loops import CutLoops
 
     try:
-        cut = CutLoops(_opened(analysis), analysis.loops)
+        cut = CutLoops(analysis.opened_as_read, analysis.loops)
     except Singular:
         return None
     cut.check()
     return cut
 
 
-def _opened(analysis: Analysis) -> BondGraph:
-    """Return the graph without feedback, with the values as they are read."""
-    assert analysis.opened is not None
-    return analysis.opened.rounded() if analysis.reading == "binary" else analysis.opened
+def _sampling_warnings(analysis: Analysis) -> list[str]:
+    """Return what the samples of its loops hardly show."""
+    if analysis.sampled_loops is None:
+        return []
+    from dynid.bondgraph.results.sampled_results import sampling_warnings
+
+    return sampling_warnings(analysis.sampled_loops)
 
 
 def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Add the channels, their sensitivities to the parameters, and the zero-input response."""
     asked = analysis.results
+    if analysis.sampled_loops is not None:
+        _add_sampled_dynamics(result, analysis.sampled_loops, analysis)
+        return
     cut = _cut_loops(analysis) if "properties" in asked else None
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, analysis)
@@ -145,6 +152,15 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
         add_zero_input(result, reduced, analysis.initial)
 
 
+def _add_sampled_dynamics(result: Result, loops: SampledLoops, analysis: Analysis) -> None:
+    """Add the verdict and margins of sampled loops."""
+    if "properties" in analysis.results:
+        from dynid.bondgraph.results.sampled_results import add_sampled
+
+        report_progress("margins")
+        add_sampled(result, loops, analysis.omega)
+
+
 def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Add the characteristics of channels, the energy of modes and elements, and what sources give."""
     asked, graph = analysis.results, reduced.graph
@@ -155,7 +171,7 @@ def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) 
         if "step_info" in asked and any(loop.delayed for loop in analysis.loops):
             from dynid.bondgraph.results.delayed_channels import channel_steps
 
-            steps = channel_steps(reduced, analysis, _opened(analysis))
+            steps = channel_steps(reduced, analysis, analysis.opened_as_read)
         add_characteristics(result, reduced, asked, steps)
     if asked & {"energy", "source_performance"}:
         from dynid.bondgraph.results.energy import add_energy, add_source_performance
@@ -176,10 +192,16 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
     if "frequency_response" in asked and analysis.omega is not None:
         report_progress("frequency response")
         evaluate = None
-        if late:
+        if analysis.sampled_loops is not None:
+            from dynid.bondgraph.sampled_response import sampled_response
+
+            evaluate = sampled_response(analysis.sampled_loops, reduced.inputs, reduced.outputs)
+        elif late:
             from dynid.bondgraph.delayed_response import delayed_response
 
-            evaluate = delayed_response(_opened(analysis), analysis.loops, reduced.inputs, reduced.outputs)
+            evaluate = delayed_response(
+                analysis.opened_as_read, analysis.loops, reduced.inputs, reduced.outputs
+            )
         add_frequency_response(result, reduced, analysis.omega, evaluate)
         if evaluate is not None:
             from dynid.bondgraph.results.margin_results import add_phase
@@ -194,7 +216,7 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
 
             outputs, stored = reduced.outputs, tuple(analysis.initial)
             delayed, modelled = delay_system(
-                _opened(analysis), analysis.loops, reduced.inputs, outputs, stored
+                analysis.opened_as_read, analysis.loops, reduced.inputs, outputs, stored
             )
         add_time_response(
             *(result, reduced, analysis.times, analysis.signals, analysis.initial),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal, get_args
 
 from dynid import defaults
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from dynid.bondgraph.graph import BondGraph
     from dynid.bondgraph.operating_point.linearisation import Linearisation
     from dynid.bondgraph.reduced_graph import ReducedGraph
+    from dynid.bondgraph.sampled_loops import SampledLoops
     from dynid.lti.generator import Signal
 
 
@@ -78,10 +80,16 @@ MARGINS = frozenset(
 Engine = Literal["auto", "exact", "float", "symbolic"]
 Reading = Literal["decimal", "binary"]
 FormulaForm = Literal["nested", "expanded"]
+#: How a controller is made discrete: s by the trapezoidal rule or the backward difference, its answer to held
+#: samples (zero-order hold), or not, as its coefficients are of z.
+Discretisation = Literal["tustin", "backward", "zoh", "z"]
 
 #: The engines themselves; `auto` is a choice among them.
 ENGINES = tuple(name for name in get_args(Engine) if name != "auto")
-
+#: Samples whose answers may be under way, each a state.
+MAX_ANSWERS_UNDER_WAY = 100
+#: Results of graphs with sampled loops; all others are of transfer functions in s, which those do not have.
+SAMPLED: frozenset[ResultName] = frozenset({"properties", "frequency_response", "causality"})
 #: Results that the symbolic engine has no numbers for.
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
 
@@ -141,6 +149,21 @@ class Analysis:
     law_outputs: tuple[Port, ...] = ()
     #: True: there is one signal for each input, and the responses to them are apart, not added.
     apart: bool = False
+
+    @property
+    def opened_as_read(self) -> BondGraph:
+        """The graph without feedback, with the values as they are read."""
+        assert self.opened is not None
+        return self.opened.rounded() if self.reading == "binary" else self.opened
+
+    @cached_property
+    def sampled_loops(self) -> SampledLoops | None:
+        """The loops of a graph whose controllers are sampled; None of others."""
+        if all(loop.sampling is None for loop in self.loops):
+            return None
+        from dynid.bondgraph.sampled_loops import SampledLoops
+
+        return SampledLoops(self.opened_as_read, self.loops)
 
 
 # --- choice of the engine --------------------------------------------------------------------------

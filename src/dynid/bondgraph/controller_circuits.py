@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise, zip_longest
 from math import factorial
+from typing import TYPE_CHECKING
 
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arithmetic.ldl import reference
@@ -29,7 +30,19 @@ from dynid.bondgraph.graph import (
 from dynid.bondgraph.reduction.junctions import unique
 from dynid.errors import UsageError
 
+if TYPE_CHECKING:
+    from dynid.bondgraph.analysis_request import Discretisation
+
 Polynomial = Sequence[Real]
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """A sampled controller: it measures every `period`, and holds its answer after `computation`, both s."""
+
+    period: Real
+    computation: Real = Fraction(0)
+    method: Discretisation = "tustin"
 
 
 @dataclass(frozen=True)
@@ -46,14 +59,24 @@ class Loop:
     place: str = ""  # where the loop stands in a scene, as `control.loops.0`
     #: Name of the setpoint, a source of the closed loop ahead of the controller; empty: zero.
     setpoint: str = ""
+    #: Of a sampled controller; None: it is continuous.
+    sampling: Sampling | None = None
 
     @property
     def delayed(self) -> bool:
         """True if it has a delay."""
         return bool(reference(self.delay)) or isinstance(self.delay, Dependent)
 
+    def cut(self, reference: str = "") -> Loop:
+        """Return it without an answer; its reference has that name where it had none."""
+        numerator, denominator = [Fraction(0)], [Fraction(1)]
+        name = self.reference or reference
+        return replace(self, numerator=numerator, denominator=denominator, delay=Fraction(0), reference=name)
+
     def approximated(self) -> Loop:
-        """Return it with the Padé approximant of order `PADE_ORDER` for its delay."""
+        """Return it with the Padé approximant of order `PADE_ORDER` for its delay, a sampled one cut."""
+        if self.sampling is not None:
+            return self.cut()
         if not self.delayed:
             return self
         top, bottom = pade(self.delay, PADE_ORDER)
@@ -103,7 +126,7 @@ class _ClosedLoops:
 
 
 def close_loops(graph: BondGraph, loops: Iterable[Loop], *, cut: bool = False) -> _ClosedLoops:
-    """Return a graph with feedback; delays are approximated (`Loop.approximated`), or `cut` out.
+    """Return a graph with feedback; delays are approximated, sampled loops cut, or delays are `cut` out.
 
     Raises `UsageError` if a controller differentiates more than once.
     """

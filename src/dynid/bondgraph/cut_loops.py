@@ -210,12 +210,16 @@ class CutLoops:
 
     def verdict(self) -> Verdict:
         """Return the verdict on loops, controllers and every separate part of the graph."""
+        return combined([self.shown, *self.unseen()])
+
+    def unseen(self) -> list[Verdict]:
+        """Return the verdicts on modes that no loop moves, if any, and on parts without an output."""
         others = parts_without_output(self.reduced)
         parts = [*separate_parts(self.reduced, self.natural), *(others or ())]
         modes = math.prod(parts, start=_polynomial_over(self.reduced.field, [1]))
         hidden = certified_roots(self.unmoved(modes))
-        verdicts = [self.shown, *([verdict(hidden)] if hidden else [])]
-        return combined([*verdicts, *([] if others is not None else [no_solution(self.reduced.free)])])
+        verdicts = [verdict(hidden)] if hidden else []
+        return [*verdicts, *([] if others is not None else [no_solution(self.reduced.free)])]
 
     def check(self) -> None:
         """Raise where a loop passes through no delay and no storage element, and has no solution.

@@ -75,9 +75,9 @@ def margins(numerator: Any, denominator: Any) -> Margins:
     Its polynomials have no common factor; 0/1 is a feed-forward, which limits nothing and moves no pole.
     """
     n, d = _on_axis(numerator), _on_axis(denominator)
-    size_n, size_d = _squared(numerator), _squared(denominator)
+    size_d = _squared(denominator)
     imaginary = n[1] * d[0] - n[0] * d[1]  # of N conj D, over ω
-    phases = [(lag(_ratio(numerator, denominator, omega)), omega) for omega in _frequencies(size_n - size_d)]
+    phases = gain_crossings(numerator, denominator)
     delay = min((math.radians(angle) / omega for angle, omega in phases), default=math.inf)
     limit = _limit(numerator, denominator)
     if abs(limit) == 1:
@@ -114,6 +114,12 @@ def margins(numerator: Any, denominator: Any) -> Margins:
         Mt=Mt,
         Mt_at=Mt_at,
     )
+
+
+def gain_crossings(numerator: Any, denominator: Any) -> list[tuple[float, float]]:
+    """Return the phase lags, degrees, that turn L to -1 where |L(jω)| = 1, with ω, rad/s."""
+    frequencies = _frequencies(_squared(numerator) - _squared(denominator))
+    return [(lag(_ratio(numerator, denominator, omega)), omega) for omega in frequencies]
 
 
 def lag(value: complex) -> float:

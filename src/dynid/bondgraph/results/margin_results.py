@@ -62,6 +62,31 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     system = cut.verdict()
     loop_margins = _within_limit(functions, cut, system)
     functions = [(above, below) for above, below in map(rounded, functions)]
+    add_loop_margins(result, names, loop_margins)
+    add_system(result, system)
+    (closed,) = rounded([cut.closed])
+    work = Work(_ROOT_WORK, EVALUATIONS)
+    if not closed.is_rational:
+        _add_roots(result, closed, system.unstable_poles, work)
+    omega = frequencies_near(functions, loop_margins, work) if omega is None else omega
+    add_functions(result, names, functions, omega, omega)
+    poles = 0
+    for number, (above, below) in enumerate(functions, 1):
+        polynomials = rational([above, below], PADE_ORDER)
+        poles += _GAINS * max(polynomial.degree() for polynomial in polynomials)
+        if poles > _LOCI:
+            result.annotate(LOCUS, left_out=f"from loop {number} on: more than {_LOCI} poles")
+            break
+        late = not (above.is_rational and below.is_rational)
+        try:
+            _add_locus(result, f"{LOCUS}/loop_{number}", names[number - 1], polynomials, work, late=late)
+        except Undecided as error:
+            result.annotate(LOCUS, left_out=f"from loop {number} on: {error.problem}")
+            break
+
+
+def add_loop_margins(result: Result, names: list[str], loop_margins: list[Margins]) -> None:
+    """Add the margins of every loop."""
     result.add_axis(f"{MARGINS}/loop", names)
     for name in (field.name for field in fields(Margins)):
         unit = _UNITS.get(name, "rad/s" if name.endswith(("crossover", "_at")) else "")
@@ -78,26 +103,6 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
         ("crossing_gain_above", [margin.gain for margin in loop_margins]),
     ):
         result.add(f"{MARGINS}/{name}", np.array(values), ("loop",))
-    add_system(result, system)
-    (closed,) = rounded([cut.closed])
-    work = Work(_ROOT_WORK, EVALUATIONS)
-    if not closed.is_rational:
-        _add_roots(result, closed, system.unstable_poles, work)
-    omega = _frequencies(functions, loop_margins, work) if omega is None else omega
-    _add_functions(result, names, functions, omega)
-    poles = 0
-    for number, (above, below) in enumerate(functions, 1):
-        polynomials = rational([above, below], PADE_ORDER)
-        poles += _GAINS * max(polynomial.degree() for polynomial in polynomials)
-        if poles > _LOCI:
-            result.annotate(LOCUS, left_out=f"from loop {number} on: more than {_LOCI} poles")
-            break
-        late = not (above.is_rational and below.is_rational)
-        try:
-            _add_locus(result, f"{LOCUS}/loop_{number}", names[number - 1], polynomials, work, late=late)
-        except Undecided as error:
-            result.annotate(LOCUS, left_out=f"from loop {number} on: {error.problem}")
-            break
 
 
 def _within_limit(
@@ -177,7 +182,7 @@ def _values(balls: Iterable[Any]) -> list[complex]:
     return [complex(ball) for ball in balls]
 
 
-def _frequencies(
+def frequencies_near(
     functions: Iterable[tuple[QuasiPolynomial, QuasiPolynomial]], loop_margins: Iterable[Margins], work: Work
 ) -> NDArray[np.float64]:
     """Return frequencies around the crossings, and around what else is notable."""
@@ -195,13 +200,14 @@ def _frequencies(
     return np.geomspace(max(low, 1e-6 * high) / 30, high * 30, _FREQUENCY_POINTS)
 
 
-def _add_functions(
+def add_functions(
     result: Result,
     names: list[str],
     functions: list[tuple[QuasiPolynomial, QuasiPolynomial]],
     omega: NDArray[np.float64],
+    on: NDArray[np.float64],
 ) -> None:
-    """Add L, S = 1/(1 + L) and T = L/(1 + L) of every loop."""
+    """Add L, S = 1/(1 + L) and T = L/(1 + L) of every loop at frequencies, which are `on` the axis of s."""
     result.add_axis(f"{FUNCTIONS}/omega", omega, "rad/s")
     result.add_axis(f"{FUNCTIONS}/loop", names)
     for name in ("L", "S", "T"):
@@ -209,7 +215,7 @@ def _add_functions(
         for above, below in functions:
             total = above + below
             top, bottom = {"L": (above, below), "S": (below, total), "T": (above, total)}[name]
-            columns.append(on_axis(top, bottom, omega.tolist()))
+            columns.append(on_axis(top, bottom, on.tolist()))
         result.add(f"{FUNCTIONS}/{name}", np.array(columns, complex).T, ("omega", "loop"))
     if all(function.is_rational for function in chain.from_iterable(functions)):
         return

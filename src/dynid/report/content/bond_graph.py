@@ -252,11 +252,27 @@ def _loops(result: Result) -> Iterator[ReportSection]:
         blocks += (Statement(text, head=f"{loop}:") for text in _loop_remarks(result, k))
     blocks += (Statement(f"undecided: {reason}") for reason in dict.fromkeys(filter(None, reasons)))
     yield ReportSection("Feedback loops", tuple(blocks), "answer", screen="feedback loops")
+    if "bond_graph/sampled/poles" in result:
+        yield from _sampling(result)
     if f"{group}/poles" in result:
         poles = result[f"{group}/poles"]
         text = roots_text(poles.data, hertz=in_hertz(result))
         items = definitions(("poles", text), ("", str(poles.attrs["note"])))
         yield ReportSection("Poles with delays", (items,), screen="poles with delays")
+
+
+def _sampling(result: Result) -> Iterator[ReportSection]:
+    """Yield the sample time and the largest stable one, and the discrete poles."""
+    about, limit = result.group_attrs["bond_graph/sampled"], "bond_graph/system/largest_sample_time"
+    largest = float(result.value(limit)) if limit in result else np.nan
+    poles = roots_text(result["bond_graph/sampled/poles"].data).removesuffix(" rad/s")
+    items = definitions(
+        ("sample time", f"{float(about['sample']):g} s; computation {about['computation']} s"),
+        ("largest", "undefined" if np.isnan(largest) else f"{largest:.4g} s"),
+        ("poles in z", poles),
+        ("", str(about["note"])),
+    )
+    yield ReportSection("Sampled loops", (items,), "answer", screen="sampled loops")
 
 
 def _loop_remarks(result: Result, k: int) -> Iterator[str]:

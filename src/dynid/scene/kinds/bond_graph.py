@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from dynid.arithmetic.dependent import Dual
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.analysis_request import Analysis, FormulaRequest, SensitivityParameter
+from dynid.bondgraph.analysis_request import SAMPLED, Analysis, FormulaRequest, SensitivityParameter
 from dynid.bondgraph.graph import FIELDS, SOURCES, BondGraph, GraphUnits
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import Fault, NumericalError, Singular, UsageError
@@ -251,6 +251,8 @@ def graph_analysis(
     asked, parts_count = requested.asked(), sum(bool(node.part) for node in graph.nodes.values())
     if requested.results is None and parts_count > TRACED_PARTS.value:
         asked -= {"reduction"}  # formulas of that many nodes are long, and nobody reads them
+    if model.control is not None and model.control.sampled:
+        asked &= SAMPLED
     signals: list[tuple[str, Signal]] = []
     apart = False
     if "time_response" in asked:

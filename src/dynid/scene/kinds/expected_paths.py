@@ -45,6 +45,7 @@ _NOTES = frozenset({"hidden_mode_note", "approximate"})
 #: Arrays of complex numbers.
 _COMPLEX = frozenset(
     {"bond_graph/margins/poles", "bond_graph/energy/poles", "bond_graph/frequency_response/response"}
+    | {"bond_graph/sampled/poles"}
     | {f"bond_graph/transfer_function/<output>/<input>/{name}" for name in ("poles", "zeros")}
     | {"bond_graph/properties/<output>/<input>/hidden_modes"}
 )
@@ -73,7 +74,7 @@ _RESULTS: dict[str, frozenset[ResultName]] = {
     "reduction": frozenset({"reduction", "prototype"}),
     "system": frozenset({"properties"}),
     "zero_input": frozenset({"transfer_function"}),
-    **dict.fromkeys(("margins", "sensitivity_functions", "root_locus"), frozenset({"properties"})),
+    **dict.fromkeys(("margins", "sensitivity_functions", "root_locus", "sampled"), frozenset({"properties"})),
     **dict.fromkeys(("port", "operating_point", "design", "need"), frozenset()),
 }
 _COMES_WITH = "'{group}' comes with {cause}, which the scene does not have"
@@ -86,6 +87,7 @@ _NEEDS: dict[str, tuple[str, str]] = {
             ("margins", "margins"),
             ("sensitivity_functions", "sensitivity functions"),
             ("root_locus", "root locus"),
+            ("sampled", "sampled loops"),
         )
     },
     "bond_graph/port": (

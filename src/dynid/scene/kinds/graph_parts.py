@@ -12,7 +12,7 @@ from dynid.arithmetic.dependent import Dependent, Real, substituted
 from dynid.arithmetic.expression import Expression, parse
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import Number
-from dynid.bondgraph.controller_circuits import Loop
+from dynid.bondgraph.controller_circuits import Loop, Sampling
 from dynid.bondgraph.field_expansion import Expansion, FieldType, expand_coupling, expand_field
 from dynid.bondgraph.graph import TWO_PORTS, Bond, BondGraph, Node, NodeType, Port
 from dynid.errors import DynidError
@@ -230,8 +230,11 @@ def _loop(loop: LoopModel, measured: Port, index: int) -> Loop:
         quotient = [*map(_number, controller.numerator)], [*map(_number, controller.denominator)]
     else:
         quotient = [_number(controller.gain)], [Fraction(1)]
-    delay = _number(controller.delay)
-    return Loop(measured, loop.source, *quotient, loop.reference, delay, path, loop.setpoint)
+    delay, sampling = _number(controller.delay), None
+    if controller.sample is not None:
+        times = _number(controller.sample), _number(controller.computation)
+        sampling = Sampling(*times, controller.method or "tustin")
+    return Loop(measured, loop.source, *quotient, loop.reference, delay, path, loop.setpoint, sampling)
 
 
 def _pid(pid: PidModel) -> tuple[list[Real], list[Real]]:

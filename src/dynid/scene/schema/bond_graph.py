@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from dynid.bondgraph.analysis_request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
+from dynid.bondgraph.analysis_request import NUMERIC, SAMPLED, USUAL, Engine, FormulaForm, Reading, ResultName
 from dynid.bondgraph.decomposition.graph_bisection import bond_fault, loop_fault
 from dynid.bondgraph.field_expansion import field_fault
 from dynid.bondgraph.graph import (
@@ -494,6 +494,8 @@ class BondGraphScene(ComposedScene):
         if control is None:
             return
         yield from control.input_faults(self.analysis.inputs)
+        if control.sampled:
+            yield from self._sampling_faults()
         if not control.delays:
             return
         if self.design is not None:
@@ -511,6 +513,17 @@ class BondGraphScene(ComposedScene):
         for index, name in enumerate(self.analysis.results or ()):
             if name == "time_response":
                 yield ("analysis", "results", index), message
+
+    def _sampling_faults(self) -> Iterator[Located]:
+        """Yield what a graph with sampled loops does not have."""
+        loops = "with sampled loops; leave it out, or write the controllers without 'sample'"
+        for index, name in enumerate(self.analysis.results or ()):
+            if name not in SAMPLED:
+                yield ("analysis", "results", index), f"there is no '{name}' {loops}"
+        if self.design is not None:
+            yield ("design", AT_KEY), f"there is no 'design' {loops}"
+        if self.analysis.port is not None:
+            yield ("analysis", "port", AT_KEY), f"there is no 'port' {loops}"
 
     def _port_faults(self, types: Mapping[str, str]) -> Iterator[Located]:
         """Yield the fault of the port at which the graph is cut."""

@@ -8,6 +8,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from dynid.bondgraph.analysis_request import MAX_ANSWERS_UNDER_WAY, Discretisation
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.graph_variables import Output, SourceName
 from dynid.scene.schema.quantities import (
@@ -48,13 +49,16 @@ class PidModel(Section):
 
 
 class ControllerModel(Section):
-    """A controller: a PID, a rational function of s, or a gain; each may have a delay."""
+    """A controller: a PID, a rational function of s, or a gain; each may have a delay, or be sampled."""
 
     pid: PidModel | None = None
     numerator: Coefficients | None = None
     denominator: Coefficients | None = None
     gain: Uncertain | None = None
     delay: UncertainNotNegative | None = None
+    sample: UncertainPositive | None = None
+    computation: UncertainNotNegative | None = None
+    method: Discretisation | None = None
 
     @model_validator(mode="after")
     def _is_one_of_them(self) -> Self:
@@ -67,7 +71,38 @@ class ControllerModel(Section):
             )
         if self.denominator is not None and not any(entry.value for entry in self.denominator):
             raise fault("the denominator is zero")
+        raise_faults(self._sampling_faults())
         return self
+
+    def _sampling_faults(self) -> Iterator[Located]:
+        """Yield the faults of a sampled controller."""
+        if self.sample is None:
+            for key in {"computation", "method"} & self.model_fields_set:
+                yield (key, AT_KEY), f"'{key}' is of a sampled controller; add its 'sample', the period in s"
+            return
+        if self.delay is not None:
+            message = "a sampled controller has no 'delay'; write 'computation', from sample to answer"
+            yield ("delay", AT_KEY), message
+        if (
+            self.computation is not None
+            and self.computation.exact > MAX_ANSWERS_UNDER_WAY * self.sample.exact
+        ):
+            message = f"an answer takes at most {MAX_ANSWERS_UNDER_WAY} periods 'sample'; lengthen the period"
+            yield ("computation",), message
+        top, bottom = self.numerator or (), self.denominator or ()
+        if self.method == "z":
+            if self.pid is not None:
+                yield (
+                    ("method",),
+                    "'z' reads coefficients in z; write 'numerator' and 'denominator'",
+                )
+            elif len(top) > len(bottom) > 0:
+                yield ("numerator", AT_KEY), "it answers to samples not yet measured; add poles at z = 0"
+        if self.method == "zoh":
+            pid = self.pid
+            if len(top) > len(bottom) > 0 or (pid is not None and pid.kd is not None and pid.tf is None):
+                message = "'zoh' needs a controller with as many poles as zeros; filter its derivative"
+                yield ("method",), f"{message}, or choose tustin"
 
 
 class LoopModel(Section):
@@ -138,3 +173,20 @@ class ControlModel(Section):
             yield (*self.delays[0][1:], AT_KEY), f"a loop with a delay is not identified; {DELAY_REMEDY}"
         elif len(self.delays) > _MAX_DELAYS:
             yield ("loops", AT_KEY), f"at most {_MAX_DELAYS} loops may have a delay"
+        periods = [loop.controller.sample for loop in self.loops]
+        for index, period in enumerate(periods):
+            path = ("loops", index, "controller")
+            if period is not None and linear:
+                message = "a sampled loop is not identified; write the controller without 'sample'"
+                yield (*path, "sample", AT_KEY), message
+            elif (period is None) is not (periods[0] is None):
+                message = "loops are all sampled or none; give each a 'sample', or none"
+                yield (*path, AT_KEY) if period is None else (*path, "sample", AT_KEY), message
+            elif period is not None and periods[0] is not None and period.exact != periods[0].exact:
+                message = f"loops are sampled together; write the period of the first, {float(periods[0]):g}"
+                yield (*path, "sample"), message
+
+    @property
+    def sampled(self) -> bool:
+        """True if its loops are sampled."""
+        return any(loop.controller.sample is not None for loop in self.loops)

@@ -1,0 +1,74 @@
+"""Frequency responses of graphs with sampled loops: of a sine the part of the answer at its own frequency.
+
+Between input d and output y, on s = jω with z = exp(s T), it is P_yd + P_yu H(s)/T U(z) P_md: what is
+measured is sampled, the controllers answer by U with the loops closed, and the holds
+H = (1 - exp(-s T))/s exp(-s c) pass 1/T of it at the frequency itself, the rest at |ω + 2πk/T| (aliases).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.arrays import ComplexArray
+from dynid.bondgraph.graph import Port
+from dynid.bondgraph.graph_response import frequency_response
+from dynid.bondgraph.graph_state_space import state_space
+from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.bondgraph.sampled_loops import SampledLoops, cut_graph
+
+#: Points on a circle around a pole of the graph, over which the response is averaged, and the circle's radius
+#: relative to the distance of the nearest pole of the closed loops: the error is the radius to that power.
+_CIRCLE_POINTS, _CIRCLE_RADIUS = 32, 0.25
+
+
+def sampled_response(
+    loops: SampledLoops, inputs: Sequence[str], outputs: Sequence[Port]
+) -> Callable[[NDArray[np.float64]], ComplexArray]:
+    """Return the fundamental frequency response of a graph with sampled loops.
+
+    Of angular frequencies in rad/s, it returns the response, shape (omega, output, input). Where the graph
+    without its loops has a pole on the axis, the response is the mean of that on a circle around it (Cauchy).
+    """
+    cut = cut_graph(loops.opened, loops.loops)
+    columns = list(dict.fromkeys([*inputs, *cut.held]))
+    rows = list(dict.fromkeys([*outputs, *cut.answered]))
+    reduced = ReducedGraph(cut.graph, columns, rows, traced=False)
+    shown, measured = ([rows.index(port) for port in ports] for ports in (outputs, cut.answered))
+    driven, held = ([columns.index(name) for name in names] for names in (inputs, cut.held))
+    M, B, C, D = loops.answers()
+    period, delays = float(loops.period), np.array([float(delay) for delay in loops.computations])
+
+    def closed(s: ComplexArray, graph: ComplexArray) -> ComplexArray:
+        """Return the response from that of the graph with its loops cut."""
+        z = np.exp(s * period)[:, None, None]
+        answers = C @ np.linalg.solve(z * np.eye(len(M)) - M, np.broadcast_to(B, (len(s), *B.shape))) + D
+        rate = np.where(s == 0, 1.0, s)
+        hold = np.where(s == 0, 1.0, -np.expm1(-s * period) / (rate * period))
+        holds = hold[:, None] * np.exp(-s[:, None] * delays)
+        with np.errstate(invalid="ignore"):
+            fed = graph[:, shown][:, :, held] * holds[:, None, :]
+            back = fed @ answers @ graph[:, measured][:, :, driven]
+            return np.asarray(graph[:, shown][:, :, driven] + back)
+
+    def evaluate(omega: NDArray[np.float64]) -> ComplexArray:
+        response = closed(1j * omega, frequency_response(reduced, omega))
+        for k in np.flatnonzero(~np.isfinite(response).all(axis=(1, 2))):
+            response[k] = around(complex(0, omega[k]))
+        return response
+
+    def around(s: complex) -> ComplexArray:
+        system = state_space(reduced)
+        poles = np.linalg.eigvals(M)
+        apart = np.abs(np.log(poles[poles != 0] * np.exp(-s * period)) / period)
+        radius = _CIRCLE_RADIUS * min(float(apart.min(initial=np.inf)), 1 / period)
+        points = s + radius * np.exp(2j * np.pi * (np.arange(_CIRCLE_POINTS) + 0.5) / _CIRCLE_POINTS)
+        states = np.linalg.solve(points[:, None, None] * np.eye(len(system.A)) - system.A, system.B + 0j)
+        graph = system.C @ states + system.D
+        for order, matrix in enumerate(system.higher, 1):
+            graph = graph + points[:, None, None] ** order * matrix
+        return np.asarray(closed(points, graph).mean(axis=0))
+
+    return evaluate

@@ -1,0 +1,78 @@
+"""Controllers of a continuous plant made discrete, exactly or in ball arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+from dynid.errors import UsageError
+
+Rows = list[list[Any]]
+
+
+class DiscreteController(NamedTuple):
+    """ξ[k+1] = F ξ[k] + g y[k], answer h ξ[k] + d y[k], of balls (flint `arb`)."""
+
+    F: Rows
+    g: list[Any]
+    h: list[Any]
+    d: Any
+
+
+def discrete_controller(
+    numerator: Sequence[Fraction],
+    denominator: Sequence[Fraction],
+    method: str,
+    period: Fraction,
+    place: str = "",
+) -> DiscreteController:
+    """Return a controller in discrete time, from coefficients in descending powers of s, or of z.
+
+    Raises `UsageError` where it answers before it measures: one that is improper in z, or held and improper
+    in s, or with a pole where the method has infinity.
+    """
+    from flint import arb, arb_mat, fmpq, fmpq_poly
+
+    top, bottom = (fmpq_poly([*map(as_fmpq, reversed(part))]) for part in (numerator, denominator))
+    degree = max(top.degree(), bottom.degree())
+    if method in ("tustin", "backward"):  # s = rate (z - 1)/(z + 1), or rate (z - 1)/z
+        rate, shifted = as_fmpq((2 if method == "tustin" else 1) / period), int(method == "tustin")
+        powers = [
+            fmpq_poly([-rate, rate]) ** power * fmpq_poly([shifted, 1]) ** (degree - power)
+            for power in range(degree + 1)
+        ]
+        top, bottom = (
+            sum((part[power] * weight for power, weight in enumerate(powers)), fmpq_poly([0]))
+            for part in (top, bottom)
+        )
+        if bottom.degree() < degree:
+            raise UsageError(
+                f"the controller has a pole at {rate} rad/s, which 'method: {method}' maps to infinity",
+                remedy="Change the sample time.",
+                names=[f"{place}.controller.sample"],
+            )
+    elif top.degree() > bottom.degree():
+        raise UsageError(
+            f"the controller has more zeros than poles, which 'method: {method}' cannot make discrete",
+            remedy="Add poles, such as a filter of the derivative (tf).",
+            names=[f"{place}.controller.method"],
+        )
+    order, zero = bottom.degree(), fmpq(0)
+    below, above = ([part[order - k] / bottom[order] for k in range(order + 1)] for part in (bottom, top))
+    rows = [
+        [*(fmpq(int(k == i + 1)) - (below[i + 1] if k == 0 else 0) for k in range(order)),
+         above[i + 1] - below[i + 1] * above[0]]
+        for i in range(order)
+    ]  # observer form, F beside g  # fmt: skip
+    if method == "zoh":
+        rows = (arb_mat([*rows, [zero] * (order + 1)]) * arb(as_fmpq(period))).exp().tolist()[:order]
+    F, g = [[*map(arb, row[:-1])] for row in rows], [arb(row[-1]) for row in rows]
+    return DiscreteController(F, g, [arb(k == 0) for k in range(order)], arb(above[0]))
+
+
+def as_fmpq(number: Fraction) -> Any:
+    """Return a number as a rational one of flint."""
+    from flint import fmpq
+
+    return fmpq(number.numerator, number.denominator)
