@@ -101,6 +101,8 @@ TRACED_PARTS = Limit(
 HOLD: Default[Literal["spline"]] = Default("spline", "propagation", "samples are joined by a cubic {value}")
 LONG_STEPS = Limit(60, "exponentials over many steps are made to all digits of up to {value} states")
 
+ANSWERS_UNDER_WAY = Limit(100, "answers of a sampled controller take up to {value} of its periods")
+
 # Structures: modes, responses, bases.
 DENSE_MODES = Default(200, "modes", "modes by dense matrices up to {value} DOFs")
 ALL_MODES = Limit(4000, "all modes up to {value:,} DOFs; of more a number or a band is to be given")

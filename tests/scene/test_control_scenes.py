@@ -6,11 +6,12 @@ import control
 import mpmath
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import dynid
 from dynid.checks import check_expectations
 from dynid.cli.screen import summary
-from dynid.errors import SceneError
+from dynid.errors import SceneError, UsageError
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
@@ -477,7 +478,7 @@ def test_sampled_loops_fill_what_continuous_ones_do():
     slow = re.sub("computation: 0.25", "computation: 0", SAMPLED)
     fast = dynid.run(scene(slow.replace("sample: 0.1", "sample: 1.0e-5")))
     continuous = dynid.run(scene(re.sub(", (sample|computation): [0-9.]+", "", SAMPLED)))
-    for name in ("gain", "gain_reduction", "phase", "Ms", "Mt", "gain_crossover", "modulus_at"):
+    for name in ("gain_reduction", "phase", "delay", "Ms", "Mt", "gain_crossover", "modulus_at"):
         path = f"bond_graph/margins/{name}"
         assert fast[path].data == pytest.approx(continuous[path].data, rel=1e-3, abs=1e-3), name
     assert fast.value("bond_graph/system/stable")
@@ -676,3 +677,52 @@ control:
     pole = result["bond_graph/transfer_function/p2.e/u/poles"].data[0]
     reflection = (0.5 - 1) / (0.5 + 1) * (3 - 1) / (3 + 1)
     assert np.exp(-2 * pole) == pytest.approx(1 / reflection, rel=1e-12)
+
+
+def test_the_response_between_samples_is_that_of_an_integrator():
+    """A PI on a mass, half a period of computation, against DOP853 from hold to hold."""
+    pid, second = "{pid: {kp: 1, ki: 0.3, kd: 0.4, tf: 0.2}, sample: 0.1}", SAMPLED.splitlines()[8]
+    text = SAMPLED.replace(f"{second}\n", "").replace(
+        pid, "{pid: {kp: 0.3, ki: 0.02}, sample: 0.2, computation: 0.1}"
+    )
+    requested = "results: [time_response, step_info], time: {stop: 59.95, step: 0.05, input: {kind: step}}"
+    text = text.replace("outputs: [m.q], inputs: [w]", f"outputs: [m.q, F.e], inputs: [w], {requested}")
+    result = dynid.run(scene(text))
+    values, held, before, integral, expected = np.zeros(2), 0.0, 0.0, 0.0, []
+    for _ in range(300):
+        error = 1 - values[1]
+        before, held = held, 0.3 * error + integral + 0.02 * 0.1 * error
+        integral += 0.02 * 0.2 * error
+        for k in range(4):
+            force = before if k < 2 else held
+            expected.append((values[1], force))
+
+            def rate(_, x, force=force):
+                return [force - 0.5 * x[0], x[0]]
+
+            values = solve_ivp(rate, (0, 0.05), values, "DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
+    response = result["bond_graph/time_response/response"].data
+    assert response == pytest.approx(np.array(expected), abs=1e-12)
+    overshoot = 100 * (np.array(expected)[:, 0].max() - 1)
+    assert result.value("bond_graph/properties/m.q/w/overshoot") == pytest.approx(overshoot, rel=1e-2)
+    assert result.value("bond_graph/properties/m.q/w/final_value") == pytest.approx(1, abs=1e-12)
+
+
+def test_stored_energy_and_signals_add_up_between_samples():
+    text = SAMPLED.replace("analysis:", "initial: {m: {f: 2}}\nanalysis:").replace(
+        "inputs: [w]",
+        "inputs: [w], results: [time_response], time: {stop: 3, step: 0.01, input: {kind: step}}",
+    )
+    result = dynid.run(scene(text))
+    group = "bond_graph/time_response"
+    parts = [result[f"{group}/{name}"].data for name in ("zero_state", "zero_input")]
+    assert sum(parts) == pytest.approx(result[f"{group}/response"].data, abs=1e-14)
+    assert parts[1][1, 0] == pytest.approx(0.02, rel=1e-2)
+    assert result[f"{group}/error_estimate"].data.max() < 1e-12
+
+
+def test_responses_of_more_than_a_million_samples_are_refused():
+    text = SAMPLED.replace("sample: 0.1", "sample: 1.0e-6").replace(", computation: 0.25", "")
+    text = text.replace("inputs: [w]", "inputs: [w], results: [time_response], time: {stop: 3, step: 0.01}")
+    with pytest.raises(UsageError, match=r"takes 3e\+06 samples; at most 1,000,000"):
+        dynid.run(scene(text))

@@ -126,7 +126,7 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
     """Add the channels, their sensitivities to the parameters, and the zero-input response."""
     asked = analysis.results
     if analysis.sampled_loops is not None:
-        _add_sampled_dynamics(result, analysis.sampled_loops, analysis)
+        _add_sampled_dynamics(result, reduced, analysis.sampled_loops, analysis)
         return
     cut = _cut_loops(analysis) if "properties" in asked else None
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
@@ -152,13 +152,22 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
         add_zero_input(result, reduced, analysis.initial)
 
 
-def _add_sampled_dynamics(result: Result, loops: SampledLoops, analysis: Analysis) -> None:
-    """Add the verdict and margins of sampled loops."""
+def _add_sampled_dynamics(
+    result: Result, reduced: ReducedGraph, loops: SampledLoops, analysis: Analysis
+) -> None:
+    """Add the verdict and margins of sampled loops, and the characteristics of step responses."""
     if "properties" in analysis.results:
         from dynid.bondgraph.results.sampled_results import add_sampled
 
         report_progress("margins")
         add_sampled(result, loops, analysis.omega)
+    if "step_info" in analysis.results:
+        from dynid.bondgraph.results.characteristics import add_characteristics
+        from dynid.bondgraph.sampled_response import sampled_steps
+
+        report_progress("step responses")
+        steps = sampled_steps(loops, reduced.inputs, reduced.outputs)
+        add_characteristics(result, reduced, frozenset({"step_info"}), steps)
 
 
 def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
@@ -211,10 +220,14 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
     if "time_response" in asked and analysis.times is not None:
         report_progress("time response")
         delayed, modelled = None, reduced
-        if late:
+        outputs, stored = reduced.outputs, tuple(analysis.initial)
+        if analysis.sampled_loops is not None:
+            from dynid.bondgraph.sampled_response import sampled_system
+
+            delayed, modelled = sampled_system(analysis.sampled_loops, reduced.inputs, outputs, stored)
+        elif late:
             from dynid.bondgraph.delayed_states import delay_system
 
-            outputs, stored = reduced.outputs, tuple(analysis.initial)
             delayed, modelled = delay_system(
                 analysis.opened_as_read, analysis.loops, reduced.inputs, outputs, stored
             )
@@ -224,7 +237,7 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
             delayed=delayed,
             storages=len(modelled.storages),
         )
-        if analysis.linearisation is not None:
+        if analysis.linearisation is not None and analysis.sampled_loops is None:
             from dynid.bondgraph.results.operating_point import add_nonlinear_response
 
             report_progress("nonlinear time response")

@@ -86,10 +86,10 @@ Discretisation = Literal["tustin", "backward", "zoh", "z"]
 
 #: The engines themselves; `auto` is a choice among them.
 ENGINES = tuple(name for name in get_args(Engine) if name != "auto")
-#: Samples whose answers may be under way, each a state.
-MAX_ANSWERS_UNDER_WAY = 100
 #: Results of graphs with sampled loops; all others are of transfer functions in s, which those do not have.
-SAMPLED: frozenset[ResultName] = frozenset({"properties", "frequency_response", "causality"})
+SAMPLED: frozenset[ResultName] = frozenset(
+    {"properties", "step_info", "frequency_response", "time_response", "causality"}
+)
 #: Results that the symbolic engine has no numbers for.
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise, zip_longest
 from math import factorial
-from typing import TYPE_CHECKING
 
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arithmetic.ldl import reference
@@ -30,9 +29,6 @@ from dynid.bondgraph.graph import (
 from dynid.bondgraph.reduction.junctions import unique
 from dynid.errors import UsageError
 
-if TYPE_CHECKING:
-    from dynid.bondgraph.analysis_request import Discretisation
-
 Polynomial = Sequence[Real]
 
 
@@ -42,7 +38,7 @@ class Sampling:
 
     period: Real
     computation: Real = Fraction(0)
-    method: Discretisation = "tustin"
+    method: str = "tustin"  # its discrete form (`analysis_request.Discretisation`)
 
 
 @dataclass(frozen=True)

@@ -24,17 +24,18 @@ from numpy.typing import NDArray
 
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import rounded as rounded_number
-from dynid.bondgraph.analysis_request import MAX_ANSWERS_UNDER_WAY
 from dynid.bondgraph.controller_circuits import Loop, Sampling, close_loops
 from dynid.bondgraph.cut_loops import CutLoops
 from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.graph_state_space import rational_matrices
 from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.defaults import ANSWERS_UNDER_WAY
 from dynid.errors import UsageError
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots, repeated
 from dynid.lti.discrete_controller import DiscreteController, Rows, as_fmpq, discrete_controller
 from dynid.lti.margins import Margins, gain_crossings, margins
 from dynid.lti.minimal_realisation import ExactSystem, minimal
+from dynid.lti.sampled_system import SampledController
 from dynid.lti.schur_cohn import roots_inside
 from dynid.lti.stability import Verdict, combined
 from dynid.number_format import counted
@@ -122,6 +123,23 @@ class SampledLoops:
             discrete_controller(*quotient, timing.method, period, loop.place)
             for quotient, timing, loop in zip(self._quotients, self._timing, self.loops, strict=True)
         ]
+
+    def float_controllers(self) -> tuple[SampledController, ...]:
+        """Return the controllers in doubles."""
+        from flint import ctx
+
+        with ctx.workprec(_RADIUS_BITS):
+            exact = self.controllers(self.period)
+
+        def array(values: Any) -> NDArray[np.float64]:
+            return np.array([[float(entry) for entry in row] for row in values])
+
+        return tuple(
+            SampledController(
+                array(F).reshape(len(h), len(h)), array([g])[0], array([h])[0], float(d), computation
+            )
+            for (F, g, h, d), computation in zip(exact, self.computations, strict=True)
+        )
 
     def matrix(
         self, period: Fraction, computations: Sequence[Fraction], closed: Collection[int], bits: int
@@ -269,7 +287,7 @@ class SampledLoops:
         ratio = _TRIAL_RATIO if start < 0 else 1 / _TRIAL_RATIO
         span = math.ceil(math.log(_TRIED_SPAN) / math.log(_TRIAL_RATIO))
         trials = (float(self.period) * ratio**k for k in range(span + 1))
-        shortest = float(max(self.computations)) / MAX_ANSWERS_UNDER_WAY
+        shortest = float(max(self.computations)) / ANSWERS_UNDER_WAY.value
         limit = _first_change(
             lambda period: self._radius(Fraction(period), self.computations) - 1,
             takewhile(lambda period: period >= shortest, trials),

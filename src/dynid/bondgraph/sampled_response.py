@@ -1,12 +1,14 @@
-"""Frequency responses of graphs with sampled loops: of a sine the part of the answer at its own frequency.
+"""Responses of graphs with sampled loops.
 
-Between input d and output y, on s = jω with z = exp(s T), it is P_yd + P_yu H(s)/T U(z) P_md: what is
-measured is sampled, the controllers answer by U with the loops closed, and the holds
-H = (1 - exp(-s T))/s exp(-s c) pass 1/T of it at the frequency itself, the rest at |ω + 2πk/T| (aliases).
+Frequency responses are fundamental: of a sine the part of the answer at its own frequency. Between input d
+and output y, on s = jω with z = exp(s T), it is P_yd + P_yu H(s)/T U(z) P_md: what is measured is sampled,
+the controllers answer by U with the loops closed, and the holds H = (1 - exp(-s T))/s exp(-s c) pass 1/T of
+it at the frequency itself, the rest at |ω + 2πk/T| (aliases).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -16,12 +18,52 @@ from dynid.arrays import ComplexArray
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.graph_response import frequency_response
 from dynid.bondgraph.graph_state_space import state_space
-from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.bondgraph.sampled_loops import SampledLoops, cut_graph
+from dynid.lti.delay_system import DelaySystem
+from dynid.lti.delayed_step import delayed_steps
+from dynid.lti.sampled_system import SampledSystem
+from dynid.lti.step_info import NO_STEADY_STATE, StepInfo
 
 #: Points on a circle around a pole of the graph, over which the response is averaged, and the circle's radius
 #: relative to the distance of the nearest pole of the closed loops: the error is the radius to that power.
 _CIRCLE_POINTS, _CIRCLE_RADIUS = 32, 0.25
+#: Size of a discrete pole below which it has decayed at once.
+_FAST = 1e-3
+
+
+def sampled_system(
+    loops: SampledLoops, inputs: Sequence[str], outputs: Sequence[Port], initial: Sequence[str] = ()
+) -> tuple[SampledSystem, ReducedGraph]:
+    """Return a graph with sampled loops as a system with sampled controllers, and the graph without them.
+
+    `initial`: storages with energy at t = 0, each with an input `initial:NAME` after those of the graph.
+    """
+    cut = cut_graph(loops.opened, loops.loops)
+    rows = list(dict.fromkeys([*outputs, *cut.answered]))
+    reduced = ReducedGraph(cut.graph, list(dict.fromkeys([*inputs, *cut.held])), rows, traced=False)
+    columns = [*inputs, *(f"initial:{name}" for name in initial), *cut.held]
+    plant = DelaySystem(state_space(reduced, tuple(initial)).with_inputs(columns), ())
+    plant = plant.with_outputs([rows.index(port) for port in (*outputs, *cut.answered)])
+    return SampledSystem(plant.lft, plant.delays, loops.float_controllers(), loops.period), reduced
+
+
+def sampled_steps(
+    loops: SampledLoops, inputs: Sequence[str], outputs: Sequence[Port]
+) -> dict[Channel, StepInfo]:
+    """Return the characteristics of the step responses of all channels."""
+    channels = [(port, source) for port in outputs for source in inputs]
+    if not loops.verdict.stable:
+        return dict.fromkeys(channels, StepInfo(f"undefined: {NO_STEADY_STATE.format(loops.verdict.text)}"))
+    system, _ = sampled_system(loops, inputs, outputs)
+    finals = sampled_response(loops, inputs, outputs)(np.zeros(1))[0].real
+    largest = max((abs(pole.value) for pole in loops.poles), default=0.0)
+    slowest = math.log(max(largest, _FAST)) / float(loops.period)
+    steps: dict[Channel, StepInfo] = {}
+    for column, source in enumerate(inputs):
+        infos = delayed_steps(system.with_inputs([source]), finals[:, column].tolist(), slowest)
+        steps |= {(port, source): info for port, info in zip(outputs, infos, strict=True)}
+    return steps
 
 
 def sampled_response(

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from heapq import heapify, heappop, heappush
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -121,6 +121,15 @@ class DelaySystem:
             orders[(matrix != 0) & np.isinf(orders)] = order
         return orders
 
+    @property
+    def paces(self) -> tuple[Fraction, ...]:
+        """The times, s, by which it acts on itself."""
+        return self.delays
+
+    def propagation(self, signals: Sequence[Signal], stop: float, **options: Any) -> Propagation:
+        """Return a run of it from rest at t = 0."""
+        return Propagation(self, signals, stop, **options)
+
     def response(self, signals: Sequence[Signal], times: Array) -> DelayedResponse:
         """Return the response from rest at t = 0 to one signal per input u, after jumps at their instants.
 
@@ -128,15 +137,11 @@ class DelaySystem:
         difference from a run with higher degree, smaller tolerance and coefficients of the system changed by
         one rounding. Raises `UsageError` beyond `MAX_SEGMENTS`.
         """
-        run = Propagation(self, signals, float(times[-1]))
+        run = self.propagation(signals, float(times[-1]))
         outputs = run.outputs(times)
         instants = np.unique(np.linspace(0, len(times) - 1, min(len(times), _CHECKED_TIMES)).astype(int))
-        check = Propagation(
-            replace(self, lft=_perturbed(self.lft)),
-            signals,
-            float(times[-1]),
-            degree=_CHECK_DEGREE,
-            rtol=_CHECK_TAIL_RTOL,
+        check = replace(self, lft=_perturbed(self.lft)).propagation(
+            signals, float(times[-1]), degree=_CHECK_DEGREE, rtol=_CHECK_TAIL_RTOL
         )
         difference = np.abs(check.outputs(times[instants]) - outputs[instants]).max(axis=0, initial=0.0)
         inputs = np.stack([signal.value(times) for signal in signals], axis=1) if signals else None

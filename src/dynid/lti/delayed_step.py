@@ -16,7 +16,7 @@ from numpy.polynomial import chebyshev
 
 from dynid.arrays import Array
 from dynid.errors import NumericalError
-from dynid.lti.delay_system import DelaySystem, Propagation
+from dynid.lti.delay_system import DelaySystem
 from dynid.lti.signals import Step
 from dynid.lti.step_info import BAND, IMPROPER, StepInfo
 from dynid.lti.step_info import Step as StepResponse
@@ -27,33 +27,33 @@ _SETTLED_RTOL = 1e-9
 _TIME_CONSTANTS, _DELAYS = 3, 3
 #: Most segments of a response, some seconds.
 _MAX_SEGMENTS = 20_000
-#: Excess, relative to the final value, that is rounding.
+#: Excess, relative to the final value, and final value, relative to the largest deviation, that is rounding.
 _ROUNDING = 1e-12
 #: Points of each segment at which extremes and crossings are looked for.
 _POINTS = 25
 
 
 def delayed_steps(system: DelaySystem, finals: Sequence[float], slowest: float) -> list[StepInfo]:
-    """Return the characteristics of all outputs of a stable system with one input.
+    """Return the characteristics of the first outputs of a stable system with one input.
 
     `finals`: the steady state of each output. `slowest`: the largest real part of a pole, rad/s, negative.
     """
-    window = max(_TIME_CONSTANTS / -slowest, _DELAYS * float(max(system.delays)))
-    shortest = float(min(system.delays))
+    window = max(_TIME_CONSTANTS / -slowest, _DELAYS * float(max(system.paces)))
+    shortest = float(min(system.paces))
     if window > _MAX_SEGMENTS * shortest:
         slow = f"a time constant of {-1 / slowest:.3g} s takes too many delays of {shortest:.3g} s"
         return [StepInfo(f"not computed: {slow}")] * len(finals)
     longest = _MAX_SEGMENTS * shortest
-    run = Propagation(system, [Step()], longest)
+    run = system.propagation([Step()], longest)
     starts, stops, coefficients = [], [], []
     largest, quiet_from = np.zeros(len(finals)), 0.0
     try:
         for segment in run.segments(Fraction(longest)):
             starts.append(segment.start)
             stops.append(segment.stop)
-            coefficients.append(segment.outputs)
-            deviation = np.abs(segment.outputs).sum(axis=0) - np.abs(segment.outputs[0])
-            deviation = deviation + np.abs(segment.outputs[0] - finals)
+            outputs = segment.outputs[:, : len(finals)]
+            coefficients.append(outputs)
+            deviation = np.abs(outputs).sum(axis=0) - np.abs(outputs[0]) + np.abs(outputs[0] - finals)
             largest = np.maximum(largest, deviation)
             if np.any(deviation > _SETTLED_RTOL * largest):
                 quiet_from = segment.stop
@@ -64,6 +64,7 @@ def delayed_steps(system: DelaySystem, finals: Sequence[float], slowest: float) 
     if stops[-1] - quiet_from < window:
         problem = f"the response has not settled after {run.count:,} delays or parts of them"
         return [StepInfo(f"not computed: {problem}")] * len(finals)
+    finals = np.where(np.abs(finals) > _ROUNDING * largest, finals, 0.0).tolist()
     times = np.array([starts, stops])
     stacked = np.stack(coefficients)  # segments x coefficients x outputs
     return [

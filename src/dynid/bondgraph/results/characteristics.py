@@ -38,18 +38,23 @@ def add_characteristics(
 ) -> None:
     """Add `step_info` and `bandwidth`, as requested, of every channel from its exact transfer function.
 
-    `steps`: the characteristics of steps where the channels have delays.
+    `steps`: the characteristics of steps where the channels have delays, or loops are sampled.
 
     What is not defined is left out, and `step_status` or `bandwidth_status` names the reason; the names of
     which it is the status are its attribute `status_of`.
     """
-    for channel, transfer in tracked(exact_channels(reduced).items(), "characteristics of channel"):
+    transfers = exact_channels(reduced) if steps is None or "bandwidth" in asked else {}
+    for channel in tracked(list(reduced.channels()), "characteristics of channel"):
         group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
         characteristics: list[tuple[str, StepInfo | Bandwidth]] = []
         if "step_info" in asked:
-            step = steps[channel] if steps else step_info(transfer.numerator, transfer.denominator)
-            characteristics.append(("step_status", step))
+            if steps is None:
+                exact = transfers[channel]
+                characteristics.append(("step_status", step_info(exact.numerator, exact.denominator)))
+            else:
+                characteristics.append(("step_status", steps[channel]))
         if "bandwidth" in asked:
+            transfer = transfers[channel]
             characteristics.append(("bandwidth_status", bandwidth(transfer.numerator, transfer.denominator)))
         for status, values in characteristics:
             names = [name for name, its_status in STATUSES.items() if its_status == status]

@@ -8,7 +8,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from dynid.bondgraph.analysis_request import MAX_ANSWERS_UNDER_WAY, Discretisation
+from dynid.bondgraph.analysis_request import Discretisation
+from dynid.defaults import ANSWERS_UNDER_WAY
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.graph_variables import Output, SourceName
 from dynid.scene.schema.quantities import (
@@ -83,11 +84,9 @@ class ControllerModel(Section):
         if self.delay is not None:
             message = "a sampled controller has no 'delay'; write 'computation', from sample to answer"
             yield ("delay", AT_KEY), message
-        if (
-            self.computation is not None
-            and self.computation.exact > MAX_ANSWERS_UNDER_WAY * self.sample.exact
-        ):
-            message = f"an answer takes at most {MAX_ANSWERS_UNDER_WAY} periods 'sample'; lengthen the period"
+        longest = ANSWERS_UNDER_WAY.value
+        if self.computation is not None and self.computation.exact > longest * self.sample.exact:
+            message = f"an answer takes at most {longest} periods 'sample'; lengthen the period"
             yield ("computation",), message
         top, bottom = self.numerator or (), self.denominator or ()
         if self.method == "z":

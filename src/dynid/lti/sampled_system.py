@@ -1,0 +1,135 @@
+"""Time responses of linear systems with sampled controllers, between the samples as well."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from heapq import heappop, heappush
+from math import lcm
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dynid.arrays import Array
+from dynid.errors import UsageError
+from dynid.lti.delay_system import MAX_SEGMENTS, DelayedResponse, DelaySystem, Propagation, Segment
+from dynid.lti.generator import Signal
+
+#: Part of a period after an instant at which signals are those after a jump there.
+_AFTER = 1e-9
+
+
+class SampledController(NamedTuple):
+    """ξ[k+1] = F ξ[k] + g y[k], answer -(h ξ[k] + d y[k]), held from its computation time on."""
+
+    F: Array
+    g: Array
+    h: Array
+    d: float
+    computation: Fraction  # s
+
+
+@dataclass(frozen=True, eq=False)
+class SampledSystem(DelaySystem):
+    """A system whose last inputs u are held by sampled controllers, which measure its last outputs y.
+
+    What is measured at an instant has the jumps of signals there, and what is held until then.
+    """
+
+    controllers: tuple[SampledController, ...]
+    period: Fraction  # s
+
+    @property
+    def paces(self) -> tuple[Fraction, ...]:
+        """The times, s, by which it acts on itself."""
+        return (*self.delays, self.period)
+
+    def with_inputs(self, names: Sequence[str]) -> DelaySystem:
+        """Return it with these inputs u ahead of those that are held."""
+        held = self.lft.inputs[self.inputs - len(self.controllers) : self.inputs]
+        return super().with_inputs([*names, *held])
+
+    def with_outputs(self, rows: Sequence[int]) -> DelaySystem:
+        """Return it with these outputs y ahead of those that are measured."""
+        measured = range(self.outputs - len(self.controllers), self.outputs)
+        return super().with_outputs([*rows, *measured])
+
+    def propagation(self, signals: Sequence[Signal], stop: float, **options: Any) -> Propagation:
+        """Return a run of it from rest at t = 0."""
+        return _SampledPropagation(self, signals, stop, **options)
+
+    def response(self, signals: Sequence[Signal], times: Array) -> DelayedResponse:
+        """Return the response as `DelaySystem.response` does, without what is measured."""
+        response, shown = super().response(signals, times), slice(self.outputs - len(self.controllers))
+        return response._replace(
+            outputs=response.outputs[:, shown],
+            error=response.error[shown],
+            impulsive=response.impulsive[shown],
+        )
+
+
+class _SampledPropagation(Propagation):
+    """The response of a `SampledSystem`, from one instant at which it measures or holds to the next."""
+
+    def __init__(self, system: SampledSystem, signals: Sequence[Signal], stop: float, **options: Any) -> None:
+        samples = stop / float(system.period)
+        if not samples <= MAX_SEGMENTS:
+            raise UsageError(
+                f"the time response takes {samples:.2g} samples; at most {MAX_SEGMENTS:,} are computed",
+                remedy="Shorten the time (stop), or lengthen the sample time.",
+                names=("analysis.time",),
+            )
+        self._controllers, self._period = system.controllers, system.period
+        times = [system.period, *(controller.computation for controller in system.controllers)]
+        tick = Fraction(1, lcm(*(time.denominator for time in times)))
+        every = [*signals, *(None for _ in system.controllers)]
+        super().__init__(system, every, stop, period=tick, **options)
+        self._states = [np.zeros(len(controller.h)) for controller in system.controllers]
+        #: Instants ahead: time, loop that holds and value, or -1 where all measure.
+        self._events: list[tuple[Fraction, int, float]] = [(Fraction(0), -1, 0.0)]
+
+    def segments(self, until: Fraction, *, beyond: bool = False) -> Iterator[Segment]:
+        """Propagate to a time, and yield the segments up to there; `beyond`: one more that begins there."""
+        while self._events[0][0] <= until:
+            yield from super().segments(self._events[0][0])
+            time, loop, value = heappop(self._events)
+            if loop >= 0:
+                self.hold(self.system.inputs - len(self._controllers) + loop, value)
+                continue
+            for index, (controller, measured) in enumerate(
+                zip(self._controllers, self._measured(), strict=True)
+            ):
+                state = self._states[index]
+                answer = -float(controller.h @ state) - controller.d * measured
+                self._states[index] = controller.F @ state + controller.g * measured
+                heappush(self._events, (time + controller.computation, index, answer))
+            heappush(self._events, (time + self._period, -1, 0.0))
+        yield from super().segments(until, beyond=beyond)
+
+    def _measured(self) -> Array:
+        """Return the last outputs now, after jumps of signals, with what is held until now."""
+        self._meet_breaks()
+        inputs, orders = self.system.inputs, len(self._direct)
+        now, after = float(self.time), _AFTER * float(self._period)
+        values = np.zeros((orders, self._B.shape[1]))  # of inputs and their derivatives
+        for column, signal in enumerate(self.signals):
+            if signal is None:
+                values[0, column] = self._held[column]
+                continue
+            G, readout = signal.generator()
+            state = signal.states(np.array([now]), np.array([now + after]))[0]
+            for order in range(orders):
+                values[order, column] = readout @ state
+                state = G @ state
+        signs = (-1.0) ** np.arange(self.degree + 1)
+        for index in range(len(self._delays)):
+            coefficients = self._delayed(index, self._now, self._now + self._shortest)
+            for order in range(orders):
+                values[order, inputs + index] = signs @ coefficients
+                coefficients = self._rate @ coefficients / (self._shortest / self._unit)
+        outputs = self._C @ self._x
+        for matrix, row in zip(self._direct, values, strict=True):
+            outputs = outputs + matrix @ row
+        shown = self.system.outputs
+        return np.asarray(outputs[shown - len(self._controllers) : shown])
