@@ -212,7 +212,8 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
                 analysis.opened_as_read, analysis.loops, reduced.inputs, reduced.outputs
             )
         add_frequency_response(result, reduced, analysis.omega, evaluate)
-        if evaluate is not None:
+        if late:
+            assert evaluate is not None
             from dynid.bondgraph.results.margin_results import add_phase
 
             delays = sum(float(reference(loop.delay)) for loop in analysis.loops)
