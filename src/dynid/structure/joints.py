@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from dynid.errors import UsageError
 from dynid.parameters import ParameterPrior
 from dynid.structure.labels import Label
 from dynid.structure.matrices import DependentMatrix, as_array, entries
+
+if TYPE_CHECKING:
+    from dynid.structure.nonlinear.laws import Law
 
 Block: TypeAlias = Sequence[Sequence[Real]] | Array
 
@@ -42,6 +45,9 @@ class JointParameter:
     low: float | None = None
     high: float | None = None
     prior: ParameterPrior | None = None  # prior of an unknown value
+    signed: bool = (
+        False  # True if it may be negative or zero: of a law, estimated itself, not as its logarithm
+    )
 
     def __post_init__(self) -> None:
         if self.matrix is not None:
@@ -52,11 +58,11 @@ class JointParameter:
             raise UsageError("a joint parameter takes either a value (known) or a start (unknown)")
         if self.value is not None and self.true is not None:
             raise UsageError("a known joint parameter has no true value beside its value")
-        value, signed = self.value, isinstance(self.value, Dependent)
+        value, signed = self.value, self.signed or isinstance(self.value, Dependent)
         if value is not None and not (math.isfinite(float(value)) and (signed or float(value) >= 0)):
             raise UsageError("a joint parameter's value must be finite and not negative")
         for number in (self.start, self.true):
-            if number is not None and not (math.isfinite(number) and number > 0):
+            if number is not None and not (math.isfinite(number) and (self.signed or number > 0)):
                 raise UsageError(
                     "start and true value of an unknown joint parameter must be finite and positive",
                     remedy="Its logarithm is estimated. Leave k or c out where a joint has none.",
@@ -70,15 +76,25 @@ class JointParameter:
             limits += [self.prior.value, self.prior.relative]
         if limits and self.start is None:
             raise UsageError("limits and a prior belong to an unknown joint parameter, one with a start")
-        if not all(math.isfinite(number) and number > 0 for number in limits):
+        if not all(math.isfinite(number) and (self.signed or number > 0) for number in limits):
             raise UsageError("limits and prior of a joint parameter must be finite and positive")
         if self.start is not None and self.matrix is not None and entries(self.matrix).terms:
             raise UsageError(
                 "the matrix that an unknown joint parameter multiplies must be known",
                 remedy="Leave out the start, or name no unknown parameters in the matrix.",
             )
-        if self.start is not None and not (self.low or 0.0) <= self.start <= (self.high or math.inf):
+        low = self.low if self.low is not None else -math.inf
+        high = self.high if self.high is not None else math.inf
+        if self.start is not None and not low <= self.start <= high:
             raise UsageError("the start of a joint parameter must lie within its limits")
+
+
+@dataclass(frozen=True)
+class JointLaw:
+    """A nonlinear law of a joint, with its parameters in the order of the law's names."""
+
+    law: Law
+    parameters: tuple[JointParameter, ...]
 
 
 @dataclass(frozen=True)
@@ -99,6 +115,8 @@ class Joint:
     component: str = ""
     # The frequency, rad/s, at which a damper eta k / omega stands for the loss factor; default: none does.
     viscous_at: float | None = None
+    laws: tuple[JointLaw, ...] = ()  # nonlinear laws, in parallel with stiffness and damping
+    offset: JointParameter | None = None  # deflection at rest by a preload, m or rad: laws begin there
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "dofs", tuple(self.dofs))
@@ -122,6 +140,7 @@ class Joint:
             component.letter: component for component in self.terms if component.parameter.matrix is not None
         }
         scalar = any(term.parameter.matrix is None and term.parameter is not self.eta for term in self.terms)
+        scalar = scalar or bool(self.laws)
         if not self.dofs or len(set(self.dofs)) != len(self.dofs) or (scalar and len(self.dofs) > 2):
             raise self._refused("must name one DOF (to ground) or two different ones")
         for letter, component in blocks.items():
@@ -130,6 +149,27 @@ class Joint:
                 raise self._refused(f"names {len(self.dofs)} DOFs, but its {letter} is {size} x {size}")
         if isinstance(self.m, JointParameter) and self.m.start is not None:
             raise self._refused("can have unknown stiffness and damping of its own, not mass")
+
+    @property
+    def law_parameters(self) -> tuple[tuple[tuple[str, JointParameter], ...], ...]:
+        """Names and parameters of each law, and last those of the offset, if there is one.
+
+        A parameter is called ``<joint>.<name>``; of a further law of its kind, or where an earlier law has
+        one of that name, ``<joint>.<kind>_<number>.<name>`` (of the first of its kind without number).
+        """
+        component = f".{self.component}" if self.component else ""
+        named, used, counts = [], set[str](), dict[str, int]()
+        for item in self.laws:
+            kind = item.law.kind
+            counts[kind] = counts.get(kind, 0) + 1
+            numbered = f"{kind}_{counts[kind]}" if counts[kind] > 1 else kind
+            further = counts[kind] > 1 or not used.isdisjoint(item.law.names)
+            prefix = f"{self.name}.{numbered}" if further else self.name
+            used |= {*item.law.names}
+            names = [f"{prefix}.{name}{component}" for name in item.law.names]
+            named.append(tuple(zip(names, item.parameters, strict=True)))
+        offset = () if self.offset is None else ((f"{self.name}.offset{component}", self.offset),)
+        return (*named, offset)
 
     def _refused(self, said: str) -> UsageError:
         return UsageError(f"joint {self.name} {said}", names=(self.name,))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -194,7 +194,7 @@ class StructuralModel(NamedDofs):
     @cached_property
     def joint_unknowns(self) -> tuple[Parameter, ...]:
         """The joints' own unknown parameters, joint by joint, stiffness before damping."""
-        return tuple(
+        unknowns = tuple(
             Parameter(
                 name,
                 component.start,
@@ -210,6 +210,21 @@ class StructuralModel(NamedDofs):
             for name, letter, component, _, key in joint.terms
             if component.start is not None
         )
+        return unknowns + self.law_unknowns
+
+    @cached_property
+    def law_unknowns(self) -> tuple[Parameter, ...]:
+        """The unknown parameters of nonlinear laws, joint by joint, law by law."""
+        if not self.nonlinear:
+            return ()
+        from dynid.structure.nonlinear.model_laws import law_unknowns
+
+        return law_unknowns(self.joints, self.kind)
+
+    @cached_property
+    def nonlinear(self) -> bool:
+        """True if a joint has a nonlinear law."""
+        return any(joint.laws for joint in self.joints)
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -217,7 +232,8 @@ class StructuralModel(NamedDofs):
         numbers: list[Dependent | ModalPart] = [*self.modal, *(term.coefficient for term in self.terms)]
         for joint in self.joints:
             numbers += [coefficient for term in joint.terms for coefficient, _ in term.product.terms]
-        return frozenset().union(*(number.names for number in numbers))
+        names = frozenset().union(*(number.names for number in numbers))
+        return names.union(unknown.name for unknown in self.law_unknowns) if self.nonlinear else names
 
     @cached_property
     def joint_terms(self) -> tuple[Term, ...]:
@@ -307,13 +323,27 @@ class StructuralModel(NamedDofs):
                 block = as_array(block_of.at(parameter_values))
                 pattern, key = self._pattern(joint, value * block, letter), letter.upper()
                 sums[key] = pattern if sums[key] is None else sums[key] + pattern
+        if self.nonlinear:
+            from dynid.structure.nonlinear.model_laws import tangents
+
+            for joint, by_letter in tangents(self.joints, parameter_values):
+                for letter, tangent in by_letter.items():
+                    key = letter.upper()
+                    sums[key] = sums[key] + self._pattern(joint, tangent, letter)
         if loss and sums["H"] is not None:
             sums["K"] = sums["K"] + 1j * sums["H"]
         return sums["M"], sums["C"], sums["K"]
 
     def with_known_joints(self) -> tuple[Matrix, Matrix, Matrix]:
         """Return the matrices with the joints that are known; other ones are left out."""
-        return self.with_joints({parameter.name: 0.0 for parameter in self.joint_unknowns})
+        known = self.without_laws()
+        return known.with_joints({parameter.name: 0.0 for parameter in known.joint_unknowns})
+
+    def without_laws(self) -> StructuralModel:
+        """Return the model whose joints have no nonlinear laws: their stiffness, damping and mass alone."""
+        if not self.nonlinear:
+            return self
+        return self.joined(replace(joint, laws=(), offset=None) for joint in self.joints)
 
     def slopes(
         self, values: Mapping[str, float], names: Iterable[str] | None = None
@@ -335,6 +365,14 @@ class StructuralModel(NamedDofs):
         ]
         for part in self.modal:
             parts += [(name, "C", self._stored(change)) for name, change in part.slopes(values).items()]
+        if self.nonlinear:
+            from dynid.structure.nonlinear.model_laws import tangent_slopes
+
+            references = {parameter.name: parameter.start for parameter in self.unknowns}
+            parts += [
+                (name, letter.upper(), self._pattern(joint, block, letter))
+                for name, joint, letter, block in tangent_slopes(self.joints, references | dict(values))
+            ]
         for name, letter, component in parts:
             if name in by_name:
                 slopes_of_name = by_name[name]
@@ -354,7 +392,7 @@ class StructuralModel(NamedDofs):
     def affine(self) -> bool:
         """True if every unknown parameter is the factor of stiffness and damping matrices, and of no mass."""
         unknown = {parameter.name for parameter in self.unknowns}
-        return not self.modal and all(
+        return not (self.modal or self.nonlinear) and all(
             term.letter != "M" and term.coefficient.is_multiple
             for term in (*self.joint_terms, *self.terms)
             if not unknown.isdisjoint(term.coefficient.names)
@@ -406,8 +444,13 @@ class StructuralModel(NamedDofs):
 
     def _check_joints(self) -> None:
         names = Counter(term.name for joint in self.joints for term in joint.terms)
+        names.update(name for joint in self.joints for law in joint.law_parameters for name, _ in law)
         for joint in self.joints:
-            if any(names[term.name] > 1 for term in joint.terms):
+            of_joint = [
+                *(term.name for term in joint.terms),
+                *(n for law in joint.law_parameters for n, _ in law),
+            ]
+            if any(names[name] > 1 for name in of_joint):
                 raise UsageError(f"there are two joints named {joint.name}", names=(joint.name,))
             try:
                 ends = [self.label(dof) for dof in joint.dofs]
@@ -423,6 +466,22 @@ class StructuralModel(NamedDofs):
         """Rounding of the displacements that a basis gives, by coordinate (n)."""
         assert self.basis is not None
         return np.asarray(_ROUNDING * np.abs(self.basis.parent.expand(self.basis.T)).max(axis=0))
+
+    def deflections(self) -> Array:
+        """Return the deflections of joints with nonlinear laws, as rows of the displacements (joints x n).
+
+        Coordinates of a reduced model that deflect one by no more than rounding have 0 there.
+        """
+        rows = np.zeros((0, self.size))
+        for joint in self.joints:
+            if joint.laws:
+                row = np.array([1.0, -1.0])[: len(joint.dofs)] @ np.array(
+                    [self.row(dof) for dof in joint.dofs]
+                )
+                if self.basis is not None:
+                    row[np.abs(row) <= 2 * self._blur] = 0.0
+                rows = np.vstack([rows, row])
+        return rows
 
     def _pattern(self, joint: Joint, block: Array, letter: str) -> Matrix:
         """Return a block over a joint's DOFs as a matrix of the model (n x n).

@@ -7,7 +7,7 @@ both points move as rigid bodies (as CBUSH of Nastran): a rigid-body motion of a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from dynid.arithmetic.dependent import Real
 from dynid.arrays import Array
 from dynid.errors import UsageError
-from dynid.structure.joints import Block, Joint, JointParameter
+from dynid.structure.joints import Block, Joint, JointLaw, JointParameter
 from dynid.structure.labels import DIRECTIONS, Label
 from dynid.structure.named_dofs import Motion
 from dynid.structure.points import PlacedPoint
@@ -50,6 +50,8 @@ class PointJoint:
     at: tuple[float, float, float] | None = None
     # Loss factor of the stiffness: one of all its directions, or by direction.
     eta: Component | Mapping[str, Component] | None = None
+    laws: Mapping[str, tuple[JointLaw, ...]] = field(default_factory=dict)  # nonlinear laws by direction
+    offset: JointParameter | None = None  # deflection at rest by a preload, of every direction with a law
 
 
 def components(
@@ -63,14 +65,18 @@ def components(
     ends = _Ends(joint, [_point(joint, name, points) for name in joint.points], size)
     joints: list[Joint] = []
     matrices = {letter: matrix for letter in "kc" if isinstance(matrix := getattr(joint, letter), Mapping)}
-    directions = {along for matrix in matrices.values() for along in matrix}
+    directions = {along for matrix in matrices.values() for along in matrix} | {*joint.laws}
     if wrong := sorted(directions - {*DIRECTIONS}):
         raise _refused(joint, f"has no direction '{wrong[0]}'", f"Use {', '.join(DIRECTIONS)}.")
     losses = _loss_factors(joint, list(matrices.get("k", ())))
     for along in (direction for direction in DIRECTIONS if direction in directions):
         parameters = {letter: matrix[along] for letter, matrix in matrices.items() if along in matrix}
         parameters |= {"eta": losses[along]} if along in losses else {}
-        joints.append(Joint(joint.name, ends.labels([along]), component=along, **parameters))
+        laws = joint.laws.get(along, ())
+        offset = joint.offset if laws else None
+        joints.append(
+            Joint(joint.name, ends.labels([along]), component=along, laws=laws, offset=offset, **parameters)
+        )
     for letter in "kcm":
         matrix = getattr(joint, letter)
         if matrix is None or letter in matrices:

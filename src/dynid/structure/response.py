@@ -95,10 +95,16 @@ def time_response(
     t = np.asarray(times, dtype=float)
     driven, (M, C, K) = drive(model, loads, outputs, values), model.dense(values)
     driven.check_initial(M, C, model.dofs, displacement, velocity)
-    start = driven.state(M, C, starting_state(model, loads, displacement, velocity))
-    y = propagate(driven.system(M, C, K), signals_of(loads), t, start)
+    motion = starting_state(model, loads, displacement, velocity)
     result = Result("structure")
     group = "structure/time_response"
+    if model.nonlinear:
+        from dynid.structure.nonlinear.response import add_joints, nonlinear_response
+
+        y, joints = nonlinear_response(model, driven, signals_of(loads), t, motion, values or {})
+        add_joints(result, joints, t)
+    else:
+        y = propagate(driven.system(M, C, K), signals_of(loads), t, driven.state(M, C, motion))
     result.add_axis(f"{group}/time", t, "s")
     result.add_axis(f"{group}/output", [channel.name for channel in outputs])
     units = [channel.unit for channel in outputs]

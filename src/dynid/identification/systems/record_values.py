@@ -111,7 +111,12 @@ def _ideally_simulated(
     model.needs_causal("record of time")
     truth = model.true_values()
     driven, matrices = drive(model, loads, channels, truth), model.dense(truth)
-    start = driven.state(*matrices[:2], starting_state(model, loads, source.displacement, source.velocity))
+    motion = starting_state(model, loads, source.displacement, source.velocity)
+    if model.nonlinear:
+        from dynid.structure.nonlinear.response import nonlinear_response
+
+        return nonlinear_response(model, driven, signals_of(loads), times, motion, truth)[0]
+    start = driven.state(*matrices[:2], motion)
     return propagate(driven.system(*matrices), signals_of(loads), times, start)
 
 

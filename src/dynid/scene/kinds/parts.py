@@ -14,6 +14,8 @@ from dynid.scene.kinds.structures import (
     bare_structure,
     build_structure,
     dof_joint,
+    joint_laws,
+    joint_offset,
     joint_parameter,
     with_units,
 )
@@ -155,7 +157,11 @@ def _joint(name: str, joint: JointModel) -> Any:
         raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
     axes = None if joint.axes is None else _axes(name, joint.axes)
     at = None if joint.at is None else _vector(joint.at)
-    return PointJoint(name, tuple(joint.points or ()), k, c, m, axes, at, eta)
+    components = [*dict.fromkeys(law.component for law in joint.laws)]
+    laws = {along: joint_laws(name, joint, along) for along in components}
+    return PointJoint(
+        name, tuple(joint.points or ()), k, c, m, axes, at, eta, laws, joint_offset(joint) if laws else None
+    )
 
 
 def _axes(name: str, axes: Axes | AxesModel) -> Array:

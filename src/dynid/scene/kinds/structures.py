@@ -15,7 +15,7 @@ from dynid.errors import DynidError, Fault, FileError, UsageError
 from dynid.number_format import frequency_text
 from dynid.parameters import Parameter, ParameterPrior
 from dynid.scene.kinds.parameters import all_parameters, quantities
-from dynid.scene.schema.joints import JointModel, MassModel, ParameterModel
+from dynid.scene.schema.joints import JointModel, LawParameterModel, MassModel, ParameterModel
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.references import DOF, SIGNED_DOF, dof_faults, references
 from dynid.scene.schema.structure import (
@@ -30,7 +30,7 @@ from dynid.scene.schema.structure import (
     SpaceFrameModel,
     StructureModel,
 )
-from dynid.structure.joints import Joint, JointParameter, unit_of
+from dynid.structure.joints import Joint, JointLaw, JointParameter, unit_of
 from dynid.structure.labels import kind
 from dynid.suggestions import shortened
 from dynid.units import angular_factor
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from dynid.scene.load import Scene
     from dynid.structure.damping import ModalDamping, ProportionalDamping
     from dynid.structure.model import StructuralModel
+    from dynid.structure.nonlinear.laws import Law
 
 
 def build_structure(
@@ -76,9 +77,61 @@ def dof_joint(name: str, joint: JointModel) -> Joint:
         raise UsageError(said, remedy="Name DOFs.", names=(f"joints.{name}",))
     try:
         values = (joint_parameter(value) for value in (joint.k, joint.c, joint.m, joint.eta))
-        return Joint(name, tuple(joint.dofs), *values)  # k, c, m and eta
+        laws = {"laws": joint_laws(name, joint), "offset": joint_offset(joint)} if joint.laws else {}
+        return Joint(name, tuple(joint.dofs), *values, **laws)  # k, c, m and eta
     except UsageError as error:
-        raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
+        places = error.names or (f"joints.{name}",)
+        raise UsageError(error.problem, remedy=error.remedy, names=places) from None
+
+
+def joint_laws(name: str, joint: JointModel, component: str | None = None) -> tuple[JointLaw, ...]:
+    """Return the nonlinear laws of a joint, of one between points those along a component.
+
+    Raises `UsageError` if their values make no sense.
+    """
+    from dynid.arithmetic.expression import parse
+    from dynid.structure.nonlinear.laws import LAWS, ExpressionLaw
+    from dynid.structure.nonlinear.model_laws import joint_law
+
+    laws = []
+    for index, model in enumerate(joint.laws):
+        if model.component != component:
+            continue
+        try:
+            if model.kind == "expression":
+                law: Law = ExpressionLaw(parse(model.f.text), [*model.f.parameters])
+                parameters = [
+                    JointParameter(value.real, signed=True) for value in model.f.parameters.values()
+                ]
+            else:
+                further = type(model).model_fields.keys() - {"kind", "component"}
+                values = {key: getattr(model, key) for key in sorted(further)}
+                numbers = {
+                    key: value for key, value in values.items() if isinstance(value, LawParameterModel)
+                }
+                law = LAWS[model.kind](**{key: value for key, value in values.items() if key not in numbers})
+                parameters = [_law_parameter(numbers[key], signed=key in law.signed) for key in law.names]
+            laws.append(joint_law(law, parameters))
+        except UsageError as error:
+            raise UsageError(
+                error.problem, remedy=error.remedy, names=(f"joints.{name}.laws.{index}",)
+            ) from None
+    return tuple(laws)
+
+
+def joint_offset(joint: JointModel) -> JointParameter | None:
+    """Return the offset of a joint, if it has one."""
+    return None if joint.offset is None else _law_parameter(joint.offset, signed=True)
+
+
+def _law_parameter(parameter: LawParameterModel, *, signed: bool) -> JointParameter:
+    value = None if parameter.value is None else parameter.value.real
+    keys = (parameter.start, parameter.true, parameter.min, parameter.max)
+    start, true, low, high = (None if quantity is None else float(quantity) for quantity in keys)
+    prior = None
+    if parameter.prior is not None:
+        prior = ParameterPrior(float(parameter.prior.value), float(parameter.prior.relative_deviation))
+    return JointParameter(value, start, true, None, low, high, prior, signed)
 
 
 def idle_masses(scene: Scene) -> Iterator[Fault]:

@@ -18,7 +18,9 @@ from dynid.scene.schema.quantities import (
     UncertainSpring,
     Value,
     fault,
+    raise_faults,
 )
+from dynid.scene.schema.references import Later
 from dynid.scene.schema.structure import Direction, LinkModel, loss_factor
 
 
@@ -58,6 +60,13 @@ class PriorModel(Section):
     """Prior of an unknown parameter."""
 
     value: Positive
+    relative_deviation: Positive
+
+
+class LawPriorModel(Section):
+    """Prior of an unknown parameter of a law."""
+
+    value: Value
     relative_deviation: Positive
 
 
@@ -163,6 +172,60 @@ Axes = Annotated[
 ]
 
 
+class LawParameterModel(Section):
+    """A parameter of a law: known (`value`), or unknown (`start`); one that may be negative has any sign."""
+
+    start: Value | None = None
+    value: Uncertain | None = None
+    true: Value | None = None
+    min: Value | None = None
+    max: Value | None = None
+    prior: LawPriorModel | None = None
+
+    @model_validator(mode="after")
+    def _known_or_unknown(self) -> Self:
+        if (self.start is None) == (self.value is None):
+            raise fault("a parameter of a law has either a 'start' (to be identified) or a 'value' (known)")
+        if self.start is None and any(
+            bound is not None for bound in (self.true, self.min, self.max, self.prior)
+        ):
+            raise fault(
+                "a known parameter has its 'value'; 'true', 'min', 'max' and 'prior' belong beside 'start'"
+            )
+        low, high = (None if bound is None else float(bound) for bound in (self.min, self.max))
+        if self.start is not None and not (
+            (-math.inf if low is None else low) <= float(self.start) <= (math.inf if high is None else high)
+        ):
+            raise fault("'start' does not lie between 'min' and 'max'")
+        return self
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The numbers that it states, by key."""
+        stated = {key: getattr(self, key) for key in ("start", "value", "true", "min", "max")}
+        return {key: float(number) for key, number in stated.items() if number is not None}
+
+
+LawValue = Annotated[
+    LawParameterModel,
+    BeforeValidator(_plain_is_known, json_schema_input_type=LawParameterModel | float | str),
+]
+"""A parameter of a law; a number or an expression alone is known."""
+
+
+_MODULE = "dynid.scene.schema.joint_laws"
+_Law = Annotated[
+    Annotated[Any, Later(f"{_MODULE}:PowerLaw"), Tag("power")]
+    | Annotated[Any, Later(f"{_MODULE}:CubicLaw"), Tag("cubic")]
+    | Annotated[Any, Later(f"{_MODULE}:QuadraticDampingLaw"), Tag("quadratic_damping")]
+    | Annotated[Any, Later(f"{_MODULE}:JenkinsLaw"), Tag("jenkins")]
+    | Annotated[Any, Later(f"{_MODULE}:BoucWenLaw"), Tag("bouc_wen")]
+    | Annotated[Any, Later(f"{_MODULE}:GapLaw"), Tag("gap")]
+    | Annotated[Any, Later(f"{_MODULE}:ExpressionLaw"), Tag("expression")],
+    Discriminator(lambda raw: raw.get("kind") if isinstance(raw, dict) else getattr(raw, "kind", None)),
+]
+
+
 class JointModel(LinkModel):
     """A joint between two DOFs, or from one to ground; with matrices, over any DOFs; or between points."""
 
@@ -174,6 +237,8 @@ class JointModel(LinkModel):
     m: _JointMass | None = None
     axes: Axes | None = None
     at: Vector | None = None
+    laws: list[_Law] = Field(default=[], max_length=20)
+    offset: LawValue | None = None
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -183,8 +248,9 @@ class JointModel(LinkModel):
             raise fault("'eta' has directions that 'k' has not")
         parts = {"k": self.k, "c": self.c, "m": self.m}
         values = {letter: value for letter, value in parts.items() if value is not None}
-        if not values:
-            raise fault("a joint has a stiffness 'k', a damping 'c', or both")
+        if not (values or self.laws):
+            raise fault("a joint has a stiffness 'k', a damping 'c', or both; or 'laws'")
+        self._check_laws()
         if bool(self.dofs) == (self.points is not None):
             raise fault("a joint is between 'dofs', or between 'points'")
         if self.points is not None:
@@ -201,6 +267,23 @@ class JointModel(LinkModel):
                 size = f"{len(value.matrix)} x {len(value.matrix)}"
                 raise fault(f"'{letter}' is {size}, but 'dofs' names {len(self.dofs)}")
         return self
+
+    def _check_laws(self) -> None:
+        """Refuse laws that do not suit the ends, and an offset without a law that it shifts."""
+        if self.laws and len(self.dofs) > 2:
+            raise fault(f"laws act on one deflection, and 'dofs' names {len(self.dofs)}; it takes one or two")
+        if self.offset is not None and not any(law.kind not in ("jenkins", "bouc_wen") for law in self.laws):
+            raise fault(
+                "the 'offset' shifts no law here: sliders and hysteresis have a preload in their hidden state"
+            )
+        for index, law in enumerate(self.laws):
+            if (law.component is None) != (self.points is None):
+                said = (
+                    "needs the 'component' of the joint that it acts along"
+                    if self.points is not None
+                    else ("has a 'component', which a joint between 'points' has")
+                )
+                raise_faults([(("laws", index), f"the law {said}")])
 
     def _check_points(self, values: Mapping[str, Any]) -> None:
         """Refuse a joint between points whose values are of other kinds."""

@@ -1,0 +1,458 @@
+# ruff: noqa: ARG002, ARG005, D102 - the methods of all laws are those of `Law`, described there
+"""Laws of joints: the force over deflection d, its rate v and a hidden state z, in regimes that are smooth.
+
+A law is a class of value, slopes, guards and tangent. Within a regime all its functions are smooth; the
+regime ends where a guard is no longer positive. To add a law: write its class, add it to `LAWS`, and its keys
+to `scene/schema/joint_laws.py`. The march in C takes the laws that have a `code`, any other the march in
+NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from dynid.arithmetic.expression import Expression
+
+Values = Sequence[float]
+"""Values of the parameters of a law, in the order of its `names`."""
+
+
+class Slopes(NamedTuple):
+    """A function of d, v, z and the parameters, with its derivatives; numbers, or arrays over nodes."""
+
+    value: Any
+    d: Any = 0.0
+    v: Any = 0.0
+    z: Any = 0.0
+    p: Sequence[Any] = ()
+
+
+class Guard(NamedTuple):
+    """A function that is positive within a regime, and the regime where it is no longer."""
+
+    function: Slopes
+    following: int
+
+
+class Law:
+    """A law without regimes and without a hidden state."""
+
+    kind: ClassVar[str]
+    names: tuple[str, ...]  # its parameters
+    signed: tuple[
+        str, ...
+    ] = ()  # those that may be negative: they are estimated themselves, not as logarithms
+    units: tuple[str, ...] = ()  # of the parameters, over a translation; empty: not known
+    code: ClassVar[int] = 0  # the law's number in `native/march.c`; 0: NumPy alone has it
+    hidden: ClassVar[bool] = False  # True if it has a hidden state
+    preloaded: ClassVar[bool] = True  # True if an offset of the joint shifts its deflection
+    options: tuple[float, ...] = ()  # its numbers that are no parameters, as the march in C takes them
+
+    def force(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes:
+        """Return the force on the joint's ends, positive where it resists a positive deflection."""
+        raise NotImplementedError
+
+    def rate(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes | None:
+        """Return the rate of the hidden state; None where it is constant within the regime."""
+        return None
+
+    def regime(self, p: Values, d: float, v: float, z: float) -> int:
+        """Return the regime in which a motion starts."""
+        return 0
+
+    def guards(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Sequence[Guard]:
+        """Return the guards of a regime."""
+        return ()
+
+    def tangent(self, p: Values, regime: int) -> tuple[float, float]:
+        """Return the stiffness and damping of a regime that the march takes into the linear rest."""
+        return 0.0, 0.0
+
+    def entered(self, p: Values, before: int, after: int, d: float, z: float) -> Slopes | None:
+        """Return the hidden state with which a regime begins; None where it goes on."""
+        return None
+
+    def range_of_hidden(self, p: Values, d: float) -> tuple[float, float]:
+        """Return centre and half the width of the hidden states that a motion from d may start with."""
+        return 0.0, 0.0
+
+    def fault(self, p: Sequence[float | None]) -> str:
+        """Return why known values (None of unknown ones) make no sense, or an empty text."""
+        return ""
+
+
+def _sign(x: Any) -> Any:
+    return np.where(np.asarray(x) >= 0, 1.0, -1.0)
+
+
+class Power(Law):
+    """a |d|^m |v|^n, times the signs of d and v where it is signed in them."""
+
+    kind, names, signed, code = "power", ("a",), ("a",), 1
+
+    def __init__(self, d: float = 0, v: float = 0, signed: Sequence[str] = ()) -> None:
+        self.exponents = (float(d), float(v))
+        self.odd = ("d" in signed, "v" in signed)
+        # A whole power whose parity is that of its sign is a polynomial: it has no regimes.
+        self.kinked = tuple(
+            exponent > 0 and exponent % 2 != float(odd)
+            for exponent, odd in zip(self.exponents, self.odd, strict=True)
+        )
+        self.options = (*self.exponents, *map(float, self.odd))
+
+    def _factor(self, which: int, regime: int, x: Any) -> tuple[Any, Any]:
+        """Return a factor and its derivative, continued smoothly beyond the regime."""
+        exponent, odd = self.exponents[which], self.odd[which]
+        if exponent == 0:
+            return np.ones_like(x), np.zeros_like(x)
+        if not self.kinked[which]:
+            return x ** int(exponent), exponent * x ** int(exponent - 1)
+        sign = -1.0 if regime >> which & 1 else 1.0
+        base = np.maximum(sign * x, 0.0) if exponent % 1 else sign * x
+        of_sign = sign if odd else 1.0
+        return of_sign * base**exponent, of_sign * sign * exponent * base ** (exponent - 1)
+
+    def force(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes:
+        (fd, sd), (fv, sv) = self._factor(0, regime, d), self._factor(1, regime, v)
+        return Slopes(p[0] * fd * fv, p[0] * sd * fv, p[0] * fd * sv, 0.0, (fd * fv,))
+
+    def regime(self, p: Values, d: float, v: float, z: float) -> int:
+        return sum((x < 0) << which for which, x in enumerate((d, v)) if self.kinked[which])
+
+    def guards(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Sequence[Guard]:
+        guards = []
+        for which, x in enumerate((d, v)):
+            if self.kinked[which]:
+                sign = -1.0 if regime >> which & 1 else 1.0
+                function = Slopes(sign * x, sign * (which == 0), sign * (which == 1))
+                guards.append(Guard(function, regime ^ 1 << which))
+        return guards
+
+    def tangent(self, p: Values, regime: int) -> tuple[float, float]:
+        linear = [self.exponents[i] == 1 and self.exponents[1 - i] == 0 and self.odd[i] for i in (0, 1)]
+        return p[0] * linear[0], p[0] * linear[1]
+
+    def fault(self, p: Sequence[float | None]) -> str:
+        if p[0] is not None and p[0] < 0 and self.odd == (False, True):
+            return "a negative 'a' of a force against the velocity creates energy; give its magnitude"
+        return ""
+
+
+class Cubic(Power):
+    """k3 d^3."""
+
+    kind, names, signed, units = "cubic", ("k3",), ("k3",), ("N/m3",)
+
+    def __init__(self) -> None:
+        super().__init__(3, 0, ("d",))
+
+
+class QuadraticDamping(Power):
+    """c2 |v| v."""
+
+    kind, names, signed, units = "quadratic_damping", ("c2",), (), ("N.s2/m2",)
+
+    def __init__(self) -> None:
+        super().__init__(0, 2, ("v",))
+
+    def fault(self, p: Sequence[float | None]) -> str:
+        return "a negative 'c2' creates energy; give its magnitude" if p[0] is not None and p[0] < 0 else ""
+
+
+class Jenkins(Law):
+    """A spring kt in series with a slider fs; z is the position of the slider."""
+
+    kind, names, units, code = "jenkins", ("kt", "fs"), ("N/m", "N"), 2
+    hidden, preloaded = True, False
+
+    # Regimes: 0 stuck, 1 and -1 slipping forwards and backwards.
+    def force(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes:
+        kt, fs = p
+        if regime:
+            return Slopes(regime * fs + 0.0 * d, p=(0.0, float(regime)))
+        return Slopes(kt * (d - z), kt, 0.0, -kt, (d - z, 0.0))
+
+    def regime(self, p: Values, d: float, v: float, z: float) -> int:
+        force = p[0] * (d - z)
+        return 0 if abs(force) < p[1] or force * v <= 0 else (1 if force > 0 else -1)
+
+    def guards(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Sequence[Guard]:
+        if regime:
+            return (Guard(Slopes(regime * v, v=float(regime)), 0),)
+        kt, fs = p
+        e = d - z
+        return tuple(Guard(Slopes(fs - s * kt * e, -s * kt, 0.0, s * kt, (-s * e, 1.0)), s) for s in (1, -1))
+
+    def tangent(self, p: Values, regime: int) -> tuple[float, float]:
+        return (0.0 if regime else p[0]), 0.0
+
+    def entered(self, p: Values, before: int, after: int, d: float, z: float) -> Slopes | None:
+        if after:
+            return None
+        kt, fs = p
+        return Slopes(d - before * fs / kt, 1.0, p=(before * fs / kt**2, -before / kt))
+
+    def range_of_hidden(self, p: Values, d: float) -> tuple[float, float]:
+        return d, p[1] / p[0]
+
+
+class BoucWen(Law):
+    """kz z with z' = v (1 - alpha |z|^n) for v z > 0, v (1 + delta |z|^n) for v z < 0; z in the unit of d."""
+
+    kind, names, signed, code = "bouc_wen", ("kz", "alpha", "delta"), ("alpha", "delta"), 3
+    hidden, preloaded = True, False
+
+    def __init__(self, n: float = 1.0) -> None:
+        self.n, self.options = float(n), (float(n),)
+        self.units = ("N/m", "1/m", "1/m") if n == 1 else ("N/m", f"1/m{n:g}", f"1/m{n:g}")
+
+    # Regimes: bit 0, v is negative; bit 1, z is.
+    def force(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes:
+        return Slopes(p[0] * z, 0.0, 0.0, p[0], (z, 0.0, 0.0))
+
+    def rate(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes | None:
+        sign = -1.0 if regime & 2 else 1.0
+        base = np.maximum(sign * z, 0.0) if self.n % 1 else sign * z
+        power, slope = base**self.n, sign * self.n * base ** (self.n - 1)
+        loading = regime in (0, 3)
+        change = -p[1] if loading else p[2]
+        by_p = (0.0, -v * power, 0.0) if loading else (0.0, 0.0, v * power)
+        return Slopes(v * (1 + change * power), 0.0, 1 + change * power, v * change * slope, by_p)
+
+    def regime(self, p: Values, d: float, v: float, z: float) -> int:
+        return (v < 0) | (z < 0) << 1
+
+    def guards(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Sequence[Guard]:
+        of_v, of_z = (-1.0 if regime & 1 else 1.0), (-1.0 if regime & 2 else 1.0)
+        return Guard(Slopes(of_v * v, v=of_v), regime ^ 1), Guard(Slopes(of_z * z, z=of_z), regime ^ 2)
+
+    def tangent(self, p: Values, regime: int) -> tuple[float, float]:
+        return p[0], 0.0
+
+    def range_of_hidden(self, p: Values, d: float) -> tuple[float, float]:
+        return 0.0, (p[1] ** (-1 / self.n) if p[1] > 0 else np.inf)
+
+    def fault(self, p: Sequence[float | None]) -> str:
+        for name, value in zip(self.names[1:], p[1:], strict=True):
+            if value is not None and value < 0:
+                return f"a negative '{name}' makes hysteresis loops that create energy; give 0 or more"
+        return ""
+
+
+class Gap(Law):
+    """A spring kg, and a damper cg, beyond a clearance."""
+
+    kind, names, units, code = "gap", ("kg", "clearance", "cg"), ("N/m", "m", "N.s/m"), 4
+
+    def __init__(self, side: str = "both") -> None:
+        self.sides = {"both": (1, -1), "positive": (1,), "negative": (-1,)}[side]
+        self.options = (float(1 in self.sides), float(-1 in self.sides))
+
+    # Regimes: 0 open, 1 and -1 in contact on that side.
+    def force(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes:
+        if not regime:
+            return Slopes(0.0 * d, p=(0.0, 0.0, 0.0))
+        kg, clearance, cg = p
+        e = d - regime * clearance
+        return Slopes(kg * e + cg * v, kg, cg, 0.0, (e, -regime * kg, v))
+
+    def regime(self, p: Values, d: float, v: float, z: float) -> int:
+        return next((side for side in self.sides if side * d > p[1]), 0)
+
+    def guards(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Sequence[Guard]:
+        if regime:
+            return (Guard(Slopes(regime * d - p[1], float(regime), p=(0.0, -1.0, 0.0)), 0),)
+        return tuple(Guard(Slopes(p[1] - s * d, -float(s), p=(0.0, 1.0, 0.0)), s) for s in self.sides)
+
+    def tangent(self, p: Values, regime: int) -> tuple[float, float]:
+        return (p[0], p[2]) if regime else (0.0, 0.0)
+
+    def fault(self, p: Sequence[float | None]) -> str:
+        if p[1] is not None and p[1] < 0:
+            return "a negative 'clearance' is an interference; give a clearance of 0, and an 'offset'"
+        return ""
+
+
+#: Value and derivatives by the operands, from operands and value, of the operations of expressions.
+_OPERATIONS: dict[str, tuple[Callable[..., Any], Callable[..., tuple[Any, ...]]]] = {
+    "+": (np.add, lambda a, b, y: (1.0, 1.0)),
+    "-": (np.subtract, lambda a, b, y: (1.0, -1.0)),
+    "*": (np.multiply, lambda a, b, y: (b, a)),
+    "/": (np.divide, lambda a, b, y: (1 / b, -y / b)),
+    "neg": (np.negative, lambda a, y: (-1.0,)),
+    "pos": (np.positive, lambda a, y: (1.0,)),
+    "sqrt": (np.sqrt, lambda a, y: (0.5 / y,)),
+    "exp": (np.exp, lambda a, y: (y,)),
+    "log": (np.log, lambda a, y: (1 / a,)),
+    "sin": (np.sin, lambda a, y: (np.cos(a),)),
+    "cos": (np.cos, lambda a, y: (-np.sin(a),)),
+    "tan": (np.tan, lambda a, y: (1 + y * y,)),
+}
+
+
+class _Dual(NamedTuple):
+    """A value, or values at nodes, with derivatives by name."""
+
+    value: Any
+    slopes: dict[str, Any]
+
+    @classmethod
+    def of(cls, operation: str, operands: Sequence[_Dual]) -> _Dual:
+        """Return the result of an operation."""
+        x = [operand.value for operand in operands]
+        if operation == "**":
+            base, exponent = operands
+            value = np.power(*x)
+            rates = (x[1] * np.power(x[0], x[1] - 1.0) if base.slopes and np.any(x[1]) else 0.0,)
+            rates += (value * np.log(x[0]) if exponent.slopes else 0.0,)
+        else:
+            function, derivatives = _OPERATIONS[operation]
+            value = function(*x)
+            rates = derivatives(*x, value)
+        slopes: dict[str, Any] = {}
+        for operand, rate in zip(operands, rates, strict=True):
+            for name, slope in operand.slopes.items():
+                slopes[name] = slopes.get(name, 0.0) + rate * slope
+        return cls(value, slopes)
+
+
+class ExpressionLaw(Law):
+    """An expression of d, v and parameters; where `abs`, `min` or `max` switch, a regime ends."""
+
+    kind = "expression"
+
+    def __init__(self, expression: Expression, names: Sequence[str]) -> None:
+        self.expression, self.names = expression, tuple(names)
+        self.signed = self.names
+
+    def _fold(self, p: Values, regime: int | None, d: Any, v: Any) -> tuple[_Dual, list[tuple[_Dual, bool]]]:
+        """Return value and derivatives, and of each switch the function that is positive on its first branch.
+
+        `regime`: bits of the switches that are on their second branch; None: where they are by themselves.
+        """
+        switches: list[tuple[_Dual, bool]] = []
+        leaves = {"d": d, "v": v, **dict(zip(self.names, p, strict=True))}
+
+        def leaf(item: Any) -> _Dual:
+            if not isinstance(item, str):
+                return _Dual(float(item), {})
+            return _Dual(np.pi, {}) if item == "pi" else _Dual(leaves[item], {item: 1.0})
+
+        def make(operation: str, operands: list[_Dual]) -> _Dual:
+            if operation not in ("abs", "min", "max"):
+                return _Dual.of(operation, operands)
+            chosen = operands[0]
+            for other in operands[1:] or [_Dual.of("neg", [chosen])]:
+                difference = _Dual.of("-", [chosen, other])
+                if operation == "min":
+                    difference = _Dual.of("neg", [difference])
+                second = bool(difference.value < 0) if regime is None else bool(regime >> len(switches) & 1)
+                switches.append((difference, second))
+                chosen = other if second else chosen
+            return chosen
+
+        with np.errstate(all="raise", under="ignore"):
+            return self.expression.fold(leaf, make), switches
+
+    def _slopes(self, dual: _Dual, sign: float = 1.0) -> Slopes:
+        d, v, *by_p = (sign * dual.slopes.get(name, 0.0) for name in ("d", "v", *self.names))
+        return Slopes(sign * dual.value, d, v, 0.0, by_p)
+
+    def force(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes:
+        return self._slopes(self._fold(p, regime, d, v)[0])
+
+    def regime(self, p: Values, d: float, v: float, z: float) -> int:
+        _, switches = self._fold(p, None, d, v)
+        return sum(second << index for index, (_, second) in enumerate(switches))
+
+    def guards(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Sequence[Guard]:
+        _, switches = self._fold(p, regime, d, v)
+        return [
+            Guard(self._slopes(dual, -1.0 if second else 1.0), regime ^ 1 << index)
+            for index, (dual, second) in enumerate(switches)
+        ]
+
+    def tangent(self, p: Values, regime: int) -> tuple[float, float]:
+        at_rest = self.force(p, regime, 0.0, 0.0, 0.0)
+        return float(at_rest.d), float(at_rest.v)
+
+
+LAWS: dict[str, type[Law]] = {
+    law.kind: law for law in (Power, Cubic, QuadraticDamping, Jenkins, BoucWen, Gap, ExpressionLaw)
+}
+"""The laws by their kinds."""
+
+
+@dataclass(frozen=True)
+class BoundLaw:
+    """A law with values of its parameters, at a row of deflections of a structure.
+
+    A preload deflects the joint by `offset` at rest; its static force is balanced, so that the force is that
+    of the deflection from there. The offset is the last one of the parameters by which a force has slopes.
+    """
+
+    law: Law
+    values: tuple[float, ...]
+    row: int = 0  # its place among the rows of deflections
+    offset: float = 0.0
+
+    @property
+    def _shift(self) -> float:
+        return self.offset if self.law.preloaded else 0.0
+
+    @cached_property
+    def _static(self) -> Slopes:
+        """The force of the preload alone."""
+        if not self._shift:
+            return Slopes(0.0, p=(0.0,) * len(self.values))
+        return self.law.force(
+            self.values, self.law.regime(self.values, self._shift, 0.0, 0.0), self._shift, 0.0, 0.0
+        )
+
+    def force(self, regime: int, d: Any, v: Any, z: Any) -> Slopes:
+        """Return the force, with its slopes by the parameters and by the offset."""
+        f, static = self.law.force(self.values, regime, d + self._shift, v, z), self._static
+        by_p = [slope - at_rest for slope, at_rest in zip(f.p, static.p, strict=True)]
+        return f._replace(value=f.value - static.value, p=(*by_p, (f.d - static.d) * self.law.preloaded))
+
+    def rate(self, regime: int, d: Any, v: Any, z: Any) -> Slopes | None:
+        """Return the rate of the hidden state."""
+        rate = self.law.rate(self.values, regime, d + self._shift, v, z)
+        return None if rate is None else rate._replace(p=(*rate.p, 0.0))
+
+    def guards(self, regime: int, d: Any, v: Any, z: Any) -> list[Guard]:
+        """Return the guards of a regime, with slopes as of `force`."""
+        guards = self.law.guards(self.values, regime, d + self._shift, v, z)
+        none = (0.0,) * len(self.values)
+        return [
+            guard._replace(function=f._replace(p=(*(f.p or none), f.d * self.law.preloaded)))
+            for guard in guards
+            for f in (guard.function,)
+        ]
+
+    def entered(self, before: int, after: int, d: float, z: float) -> Slopes | None:
+        """Return the hidden state with which a regime begins, with slopes as of `force`."""
+        hidden = self.law.entered(self.values, before, after, d + self._shift, z)
+        return None if hidden is None else hidden._replace(p=(*hidden.p, 0.0))
+
+    def regime(self, d: float, v: float, z: float) -> int:
+        """Return the regime in which a motion starts."""
+        return self.law.regime(self.values, d + self._shift, v, z)
+
+    def tangent(self, regime: int) -> tuple[float, float]:
+        """Return the stiffness and damping of a regime that the march takes into the linear rest."""
+        return self.law.tangent(self.values, regime)
+
+    @property
+    def at_rest(self) -> tuple[float, float]:
+        """Stiffness and damping for small motions about rest."""
+        regime = self.regime(0.0, 0.0, 0.0)
+        if self.law.hidden:
+            return self.tangent(regime)
+        f = self.force(regime, 0.0, 0.0, 0.0)
+        return float(f.d), float(f.v)

@@ -1,0 +1,201 @@
+"""Joints with nonlinear laws: motion and sensitivities, against integrators of SciPy and differences."""
+
+# ruff: noqa: ARG005 - forces are functions of d, v, z
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from dynid.arithmetic.expression import parse
+from dynid.errors import UsageError
+from dynid.lti.generator import RecordTimes
+from dynid.lti.signals import signal
+from dynid.lti.timeline import timeline
+from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.lumped import Link, lumped
+from dynid.structure.nonlinear.laws import (
+    BoucWen,
+    BoundLaw,
+    Cubic,
+    ExpressionLaw,
+    Gap,
+    Jenkins,
+    Power,
+    QuadraticDamping,
+)
+from dynid.structure.nonlinear.march import Columns, LinearRest, Steps, march
+from dynid.structure.nonlinear.model_laws import joint_law
+from dynid.structure.ports import Channel, Load
+from dynid.structure.response import time_response
+
+MASS = np.diag([1.0, 1.2])
+STIFFNESS = np.array([[2000.0, -1000.0], [-1000.0, 1500.0]])
+DAMPING = np.array([[4.0, -2.0], [-2.0, 3.0]])
+ROW = np.array([1.0, -1.0])
+STEP, SAMPLES = 1 / 400, 120
+SINES = signal(
+    "multisine",
+    {"amplitude": [20.0, 15, 10], "frequency": [30.0, 45, 61], "phase": [0.0, 1, 2]},
+    RecordTimes(STEP, SAMPLES),
+)
+
+
+def rest(further=0):
+    """Return the two masses for the march; the further direction is that of the joint."""
+    A = np.block(
+        [
+            [np.zeros((2, 2)), np.eye(2)],
+            [-np.linalg.solve(MASS, STIFFNESS), -np.linalg.solve(MASS, DAMPING)],
+        ]
+    )
+    E, B = np.r_[0, 0, -np.linalg.solve(MASS, ROW)], np.r_[0, 0, np.linalg.solve(MASS, [1.0, 0])]
+    rows = np.array([np.r_[ROW, 0, 0], np.r_[0, 0, ROW], np.r_[ROW, 0, 0]])
+    return LinearRest(A, np.stack([E, B, E][: 2 + further], axis=1), rows[: 2 + further], 1, 1)
+
+
+def steps(parts=1):
+    return Steps.of(timeline([SINES], np.arange(SAMPLES) * STEP, 0.0), parts)
+
+
+def oracle(force, x0, z0=0.0, method="DOP853"):
+    """Integrate the same motion by SciPy, without events; `force` returns force and rate of z."""
+
+    def rates(t, y):
+        x, v = y[:2], y[2:4]
+        f, rate = force(ROW @ x, ROW @ v, y[4])
+        load = np.array([SINES.value(t), 0.0])
+        return np.r_[v, np.linalg.solve(MASS, load - STIFFNESS @ x - DAMPING @ v - ROW * f), rate]
+
+    times = np.arange(SAMPLES) * STEP
+    solution = solve_ivp(
+        rates, (0, times[-1]), np.r_[x0, z0], method, times, rtol=1e-10, atol=1e-13, max_step=STEP / 4
+    )
+    return solution.y[:4].T
+
+
+def jenkins(d, v, z):
+    force = 800 * (d - z)
+    return force, v if abs(force) >= 2 and force * v > 0 else 0.0
+
+
+LAWS = {
+    "cubic": (Cubic(), (3e7,), lambda d, v, z: (3e7 * d**3, 0.0)),
+    "signed square": (Power(2, 0, ["d"]), (1e5,), lambda d, v, z: (1e5 * d * abs(d), 0.0)),
+    "half power": (Power(1.5, 0, ["d"]), (2e4,), lambda d, v, z: (2e4 * np.sign(d) * abs(d) ** 1.5, 0.0)),
+    "microslip": (Power(1, 1, ["v"]), (1e3,), lambda d, v, z: (1e3 * abs(d) * v, 0.0)),
+    "quadratic damping": (QuadraticDamping(), (6.0,), lambda d, v, z: (6 * abs(v) * v, 0.0)),
+    "jenkins": (Jenkins(), (800.0, 2.0), jenkins),
+    "bouc-wen": (
+        BoucWen(),
+        (800.0, 300.0, 100.0),
+        lambda d, v, z: (800 * z, v * (1 - 300 * abs(z)) if v * z > 0 else v * (1 + 100 * abs(z))),
+    ),
+    "gap": (
+        Gap(),
+        (3e3, 2e-3, 5.0),
+        lambda d, v, z: (3e3 * (d - np.clip(d, -2e-3, 2e-3)) + 5 * v * (abs(d) > 2e-3), 0.0),
+    ),
+    "stop": (Gap("positive"), (3e3, 2e-3, 0.0), lambda d, v, z: (3e3 * max(d - 2e-3, 0.0), 0.0)),
+    "expression": (
+        ExpressionLaw(parse("a*d*abs(d) + b*max(d, 0)*v*abs(v) + c*sin(40*d)"), ("a", "b", "c")),
+        (1e5, 3.0, 5.0),
+        lambda d, v, z: (1e5 * d * abs(d) + 3 * max(d, 0) * v * abs(v) + 5 * np.sin(40 * d), 0.0),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_motion_is_that_of_an_integrator_without_events(name):
+    law, values, force = LAWS[name]
+    motion = march(rest(), [BoundLaw(law, values)], steps(), np.zeros(4), np.zeros(1))
+    expected = oracle(force, np.zeros(4))
+    assert np.abs(motion.states - expected).max(axis=0) == pytest.approx(0, abs=2e-8 * np.abs(expected).max())
+    assert (motion.events == 0) == (name == "cubic")
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_sensitivities_are_differences(name):
+    law, values, _ = LAWS[name]
+    count = len(values)
+    p = count + 2  # the joint's stiffness, the law's parameters, the offset
+    by_rows, by_law = np.zeros((p, 1, 1)), np.zeros((count + 1, p))
+    by_rows[0], by_law[:, 1:] = 1.0, np.eye(count + 1)
+    columns = Columns(by_rows, np.zeros((p, 1, 1)), np.zeros((p, 1, 1)), (by_law,))
+    at = np.r_[0.0, values, 3e-4 * law.preloaded, 1e-3, -1e-3, 0.1, 0.05, 2e-4 * law.hidden]
+    sizes = np.r_[1000.0, values, 1e-2, np.full(2, 1e-2), np.ones(2), 1e-2]
+    used = steps()
+
+    def moved(point, *, sensitive=False):
+        model = rest(1)
+        model.A[:] += np.outer(model.D[:, 0], model.rows[0]) * point[0]
+        bound = BoundLaw(law, tuple(point[1 : 1 + count]), 0, float(point[1 + count]))
+        return march(
+            model, [bound], used, point[-5:-1], point[-1:], columns if sensitive else None, first=sensitive
+        )
+
+    slopes = moved(at, sensitive=True).slopes
+    for k, size in enumerate(sizes):
+        if (k == count + 1 and not law.preloaded) or (k == len(sizes) - 1 and not law.hidden):
+            assert not slopes[..., k].any()
+            continue
+        change = 1e-7 * size * np.eye(len(sizes))[k]
+        difference = (moved(at + change).states - moved(at - change).states) / (2e-7 * size)
+        assert np.abs(slopes[..., k] - difference).max() <= 1e-6 * np.abs(difference).max(), k
+
+
+def structure(*laws, offset=None, k=1000.0):
+    joint = Joint("bolt", (1, 2), k, laws=laws, offset=offset)
+    return lumped([1.0, 1.2], [Link((1,), 1000.0, 2.0), Link((2,), 500.0, 1.0)]).joined([joint])
+
+
+def known(law, *values):
+    return joint_law(law, [JointParameter(value, signed=True) for value in values])
+
+
+@pytest.mark.parametrize(
+    ("law", "stiffness"),
+    [
+        (known(Cubic(), 0.0), 0.0),
+        (known(Jenkins(), 800.0, 1e9), 800.0),
+        (known(BoucWen(), 800.0, 0.0, 0.0), 800.0),
+        (known(Gap(), 800.0, 1e3, 0.0), 0.0),
+    ],
+    ids=lambda value: value.law.kind if hasattr(value, "law") else "",
+)
+def test_laws_that_stay_in_one_regime_are_linear_joints(law, stiffness):
+    times, loads = np.arange(60) * STEP, [Load(1, SINES)]
+    channels = [Channel(1, "displacement"), Channel(2, "acceleration")]
+    got = time_response(structure(law), loads, channels, times)["structure/time_response/response"].data
+    linear = structure(k=1000.0 + stiffness)
+    expected = time_response(linear, loads, channels, times)["structure/time_response/response"].data
+    assert got == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+
+
+def test_linear_analyses_use_the_tangent_at_rest():
+    cubic = known(Cubic(), 3e7)
+    preloaded = structure(cubic, offset=JointParameter(1e-3, signed=True))
+    tangent = 3 * 3e7 * 1e-3**2
+    assert preloaded.with_joints()[2] == pytest.approx(structure(k=1000 + tangent).with_joints()[2])
+    unknown = structure(
+        joint_law(Jenkins(), [JointParameter(start=800.0), JointParameter(start=2.0)]), cubic, cubic
+    )
+    assert [parameter.name for parameter in unknown.unknowns] == ["bolt.kt", "bolt.fs"]
+    assert [name for law in unknown.joints[0].law_parameters for name, _ in law] == [
+        "bolt.kt", "bolt.fs", "bolt.k3", "bolt.cubic_2.k3",
+    ]  # fmt: skip
+    slopes = unknown.slopes({"bolt.kt": 800.0, "bolt.fs": 2.0})
+    assert slopes[0]["K"] == pytest.approx(np.outer(ROW, ROW))
+    assert slopes[1] == {}
+
+
+@pytest.mark.parametrize(
+    ("law", "values"),
+    [
+        (QuadraticDamping(), (-1.0,)),
+        (Power(0, 3, ["v"]), (-1.0,)),
+        (BoucWen(), (1.0, 2.0, -1.0)),
+        (Gap(), (1.0, -1.0, 0.0)),
+    ],
+)
+def test_laws_that_create_energy_or_overlap_are_refused(law, values):
+    with pytest.raises(UsageError, match="negative"):
+        known(law, *values)
