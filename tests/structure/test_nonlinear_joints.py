@@ -94,11 +94,11 @@ LAWS = {
         (3e3, 2e-3, 5.0),
         lambda d, v, z: (3e3 * (d - np.clip(d, -2e-3, 2e-3)) + 5 * v * (abs(d) > 2e-3), 0.0),
     ),
-    "stop": (Gap("positive"), (3e3, 2e-3, 0.0), lambda d, v, z: (3e3 * max(d - 2e-3, 0.0), 0.0)),
+    "stop": (Gap("positive"), (3e3, 2e-3, 1.0), lambda d, v, z: ((d > 2e-3) * (3e3 * (d - 2e-3) + v), 0.0)),
     "expression": (
         ExpressionLaw(parse("a*d*abs(d) + b*max(d, 0)*v*abs(v) + c*sin(40*d)"), ("a", "b", "c")),
-        (1e5, 3.0, 5.0),
-        lambda d, v, z: (1e5 * d * abs(d) + 3 * max(d, 0) * v * abs(v) + 5 * np.sin(40 * d), 0.0),
+        (1e5, 300.0, 5.0),
+        lambda d, v, z: (1e5 * d * abs(d) + 300 * max(d, 0) * v * abs(v) + 5 * np.sin(40 * d), 0.0),
     ),
 }  # fmt: skip
 
@@ -108,7 +108,10 @@ def test_a_motion_is_that_of_an_integrator_without_events(name):
     law, values, force = LAWS[name]
     motion = march(rest(), [BoundLaw(law, values)], steps(), np.zeros(4), np.zeros(1))
     expected = oracle(force, np.zeros(4))
-    assert np.abs(motion.states - expected).max(axis=0) == pytest.approx(0, abs=2e-8 * np.abs(expected).max())
+    tolerance = 1e-6 if name == "half power" else 2e-8  # its slope has an infinite derivative at 0
+    assert np.abs(motion.states - expected).max(axis=0) == pytest.approx(
+        0, abs=tolerance * np.abs(expected).max()
+    )
     assert (motion.events == 0) == (name == "cubic")
 
 
@@ -139,7 +142,8 @@ def test_sensitivities_are_differences(name):
             continue
         change = 1e-7 * size * np.eye(len(sizes))[k]
         difference = (moved(at + change).states - moved(at - change).states) / (2e-7 * size)
-        assert np.abs(slopes[..., k] - difference).max() <= 1e-6 * np.abs(difference).max(), k
+        tolerance = 1e-3 if name == "half power" else 2e-6
+        assert np.abs(slopes[..., k] - difference).max() <= tolerance * np.abs(difference).max(), k
 
 
 def structure(*laws, offset=None, k=1000.0):

@@ -112,6 +112,12 @@ class Problem:
     ) -> Self:
         """Return the problem; parameters and errors as of `identify`."""
         unknowns_of(model)
+        if isinstance(model, StructuralModel) and model.nonlinear:
+            raise UsageError(
+                "joints with nonlinear laws are simulated, not yet identified",
+                remedy="Leave out 'measurement', or the 'laws' of the joints.",
+                names=("joints",),
+            )
         measured = _in_order(measurements)
         full, modes = model, 0
         if isinstance(survey := measured[-1], ModalMeasurement):

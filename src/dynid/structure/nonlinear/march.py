@@ -505,7 +505,8 @@ class _March:
         for _ in range(100):
             if high - low <= _EVENT_TOL:
                 break
-            theta = (low * at_high - high * at_low) / (at_high - at_low)
+            apart = at_high - at_low
+            theta = (low * at_high - high * at_low) / apart if apart else low
             if not low < theta < high:
                 theta = (low + high) / 2
             value = self.guard_at(step, number, theta)
