@@ -227,8 +227,8 @@ class NodeModel(Section):
                 raise fault(f"joint '{name}' is between points, which a structure in a bond graph has not")
             if joint.laws:
                 raise fault(
-                    f"joint '{name}' has nonlinear laws, and a bond graph takes a structure as linear: leave them "
-                    "out, or give its tangent as 'k' and 'c'"
+                    f"joint '{name}' has nonlinear laws, and a bond graph takes a structure as linear: leave "
+                    "them out, or give its tangent as 'k' and 'c'"
                 )
             values = [value for value in (joint.k, joint.c) if isinstance(value, ParameterModel)]
             if any(value.start is not None for value in values):
