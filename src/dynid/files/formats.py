@@ -142,6 +142,7 @@ FORMATS: tuple[FileFormat, ...] = (
         nodes=node_tables.read_from(hdf5_data.MATRICES),
         columns=hdf5_data.read_columns,
         responses=frequency_responses.from_hdf5,
+        modes=modal_tables.from_hdf5,
     ),
     FileFormat("Nastran OUTPUT4", (".op4",), matrices=nastran_output.OUTPUT4),
     FileFormat(

@@ -277,6 +277,18 @@ def present(file: DataFile, names: Sequence[str]) -> list[str]:
         return [name for name in names if inside(store, name) is not None]
 
 
+def modal_labels(file: DataFile, group: str) -> tuple[list[str], str]:
+    """Return the sensors of the shapes of a modal analysis, and their normalisation."""
+    with _opened(file) as store:
+        labels = np.ravel(_member(store, f"{group}/channel"))
+        normalisation = inside(store, f"{group}/shape").attrs.get("normalisation", "")
+    return [_text(label) for label in labels], _text(normalisation)
+
+
+def _text(value: Any) -> str:
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+
+
 def complex_datasets(file: DataFile, name: str, key: str) -> NDArray[Any]:
     """Return a dataset of real or complex numbers as columns."""
     with _opened(file) as store:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.files import matlab
+from dynid.files.hdf5_data import complex_datasets, modal_labels, present
 from dynid.files.matlab import complex_columns, whole_numbers
 from dynid.files.table import DataFile, DataTable
 from dynid.files.text_table import complex_number, read_text
@@ -45,6 +46,9 @@ class ModalTable(NamedTuple):
     frequency_std: Array | None = None
     damping_std: Array | None = None
     shape_std: Array | None = None
+    # Covariance of frequencies, damping ratios, and real and imaginary parts of shapes, sensor by sensor.
+    covariance: Array | None = None
+    absolute: bool = False  # True of shapes of unit modal a, or if they are real, of unit modal mass
     unit: str = ""  # unit of the frequencies, ``Hz`` or ``rad/s``; empty where the file does not state it
 
 
@@ -108,7 +112,7 @@ def from_matlab(file: DataFile, names: Mapping[str, str]) -> ModalTable:
         _mean_scatter(file, scatter, vectors.get("frequency_tests"), "frequency_tests"),
         vectors.get("damping_std"),
         _mean_scatter(file, None if shape_std is None else shape_std.real, tests, "tests"),
-        unit,
+        unit=unit,
     )
 
 
@@ -155,7 +159,7 @@ def from_text(file: DataFile, names: Mapping[str, str]) -> ModalTable:
         scatter,
         columns.get("damping_std"),
         shape_std if stds else None,
-        unit,
+        unit=unit,
     )
 
 
@@ -200,6 +204,58 @@ def _factors_of_shapes(file: DataFile, stated: Mapping[int, str]) -> dict[int, f
         f"has shapes in {different}, which are not one motion",
         "All are displacements (m, rad), velocities or accelerations, or all of them are in one unit.",
         colon=True,
+    )
+
+
+#: Group of a modal analysis in its result; most values whose covariance is used, an array of 800 MB.
+_MODAL, _MAX_VALUES = "modal", 10_000
+
+
+def from_hdf5(file: DataFile, names: Mapping[str, str]) -> ModalTable:
+    """Return the modes in the result of a modal analysis, with their covariance and scale."""
+    if names:
+        file.refuse("has modes by their usual names", "Leave the name out.", key=next(iter(names)))
+    if not present(file, [f"{_MODAL}/shape"]):
+        file.refuse("is no result of a modal analysis", "Run a scene of kind modal-analysis.", key="path")
+
+    def array(name: str) -> NDArray[Any]:
+        return complex_datasets(file, f"{_MODAL}/{name}", "path")
+
+    shape, (sensors, normalisation) = array("shape").T, modal_labels(file, _MODAL)
+    real = "mass" in normalisation
+    parts, (s, r) = 1 if real else 2, shape.shape
+    if 2 * r + parts * s * r > _MAX_VALUES:
+        file.refuse(
+            f"has {r} modes at {s} sensors, whose covariance is too large",
+            "Analyse a narrower band, or fewer sensors.",
+            key="path",
+        )
+    common = array("covariance/common").real
+    if (narrow := np.isnan(array("frequency_standard_error")).ravel()).any():
+        file.refuse(
+            f"mode {int(np.argmax(narrow)) + 1} has no standard errors, because of leakage",
+            "Lengthen the segments of its records, or narrow the band.",
+            key="path",
+        )
+    by_channel = array("covariance/by_channel").real.reshape(s, parts, r, -1)
+    if len(common) != 2 * r + parts * s * r or len(sensors) != s:
+        file.refuse("has a covariance that is not of its modes", "Run its scene again.", key="path")
+    covariance = common @ common.T
+    of_shapes = covariance[2 * r :, 2 * r :].reshape(parts, s, r, parts, s, r)
+    for sensor, factor in enumerate(by_channel):
+        of_shapes[:, sensor, :, :, sensor, :] += np.einsum("pmf,qnf->pmqn", factor, factor)
+    frequency, damping = array("frequency").real.ravel(), array("damping").real.ravel()
+    return ModalTable(
+        frequency,
+        shape.real if real else shape,
+        [int(name) if name.isdecimal() else name for name in sensors],
+        damping,
+        array("frequency_standard_error").real.ravel(),
+        array("damping_standard_error").real.ravel(),
+        array("shape_standard_error").real.T,
+        covariance,
+        absolute="modal" in normalisation,
+        unit="rad/s",
     )
 
 

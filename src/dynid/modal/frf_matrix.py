@@ -35,6 +35,8 @@ class FrfMatrix:
     # proportion to the response, whichever is more likely.
     shaped: bool = True
 
+    # Lines over which noise is correlated: the sum of squared correlations; 1 without a window.
+    correlation: float = 1.0
     #: Deviations where those from line to line are unknown; default: `deviation`.
     first: Array | None = None
 
@@ -68,6 +70,16 @@ class FrfMatrix:
         """Number of real values."""
         return 2 * int(np.count_nonzero(self.weights))
 
+    def windowed(self, exponential: float) -> FrfMatrix:
+        """Return the responses with their noise correlated by an exponential window (time constant, s).
+
+        The sum of squared correlations is duration times the integral of w^4 over the square of that of w^2.
+        """
+        duration = 2 * np.pi / float(np.median(np.diff(self.omega)))
+        left = np.exp(-2 * duration / exponential)
+        correlation = duration / exponential * (1 - left**2) / (1 - left) ** 2
+        return replace(self, correlation=max(1.0, correlation))
+
     def with_scale_of_differences(self) -> FrfMatrix:
         """Return the responses with scales of the noise by third differences along the lines."""
         ratio = np.zeros_like(self.values)
@@ -80,11 +92,22 @@ class FrfMatrix:
         return replace(self, scale=np.sqrt(np.where(squares > 0, squares, 1.0)), estimated=True)
 
 
-def smoothed_variance(variance: Array, values: ComplexArray) -> Array:
-    """Return variances by line (L x …) whose ratio to the squared response is averaged over lines."""
-    square = np.abs(values) ** 2
-    ratio = np.where(square > 0, variance / np.where(square > 0, square, 1.0), np.nan)
+def smoothed_variance(variance: Array, values: ComplexArray, flat: Array | None = None) -> Array:
+    """Return variances by line (L x columns), averaged over lines in proportion to a profile.
+
+    Profiles are the squared response and `flat` (default: 1), as of noise of the sensor; of each column the
+    likelier one counts.
+    """
     half = SMOOTHED_LINES // 2
-    padded = np.pad(ratio, ((half, half), (0, 0)), mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, SMOOTHED_LINES, axis=0)
-    return np.asarray(np.nanmean(windows, axis=-1) * square)
+    best, smoothed = np.full(variance.shape[1], np.inf), np.full(variance.shape, np.nan)
+    for profile in (np.abs(values) ** 2, np.ones(variance.shape) if flat is None else flat):
+        size = np.where(profile > 0, profile, np.nan)
+        padded = np.pad(variance / size, ((half, half), (0, 0)), mode="edge")
+        windows = np.lib.stride_tricks.sliding_window_view(padded, SMOOTHED_LINES, axis=0)
+        candidate = np.mean(windows, axis=-1) * size
+        divisor = np.where(candidate > 0, candidate, np.nan)
+        terms = np.nan_to_num(np.log(divisor) + variance / divisor)
+        unlikelihood = np.sum(terms, axis=0)
+        smoothed = np.where(unlikelihood < best, candidate, smoothed)
+        best = np.minimum(best, unlikelihood)
+    return smoothed

@@ -63,6 +63,8 @@ def analyse(
     real: bool = False,
     reciprocal: bool | Literal["auto"] = "auto",
     proportional: bool = False,
+    window_rate: float = 0.0,
+    resolution: float = 0.0,
 ) -> ModalAnalysis:
     """Return the modes that frequency responses show, with their covariance.
 
@@ -79,6 +81,11 @@ def analyse(
         level 0.001 does not contradict it.
     proportional
         The deviation of the noise is in proportion to the response.
+    window_rate
+        Decay rate (1/s) of an exponential window, which is subtracted from that of every pole.
+    resolution
+        Distance of the lines of random records (Hz), whose leakage counts in the standard errors of damping;
+        0 of responses without leakage.
 
     Raises
     ------
@@ -112,13 +119,17 @@ def analyse(
     fit = model.evaluate(fit.poles[order], fit.participation[:, order], fit.free[:, order])
     free_degrees = degrees(model, fit)
     ratio = fit.chi2 / free_degrees
-    bar_scale = float(np.sqrt(ratio)) if ratio > 1 + _LACK_OF_FIT * np.sqrt(2 / free_degrees) else 1.0
+    doubtful = ratio > 1 + _LACK_OF_FIT * np.sqrt(2 * frf.correlation / free_degrees)
+    bar_scale = float(np.sqrt(ratio)) if doubtful else 1.0
     modes = np.flatnonzero(in_band(fit.poles, frf) & (fit.poles.real < 0))
     if not len(modes):
         raise NumericalError("no mode is found in the band", remedy="Choose the band by the peaks.")
-    return ModalAnalysis(
-        reported_modes(model, fit, modes, driving_points, bar_scale), chart, model, fit, bar_scale, tested
+    reported = reported_modes(
+        model, fit, modes, driving_points, bar_scale * float(np.sqrt(frf.correlation)), window_rate
     )
+    if resolution:
+        reported = reported.with_leakage(resolution)
+    return ModalAnalysis(reported, chart, model, fit, bar_scale, tested)
 
 
 def _chart(frf: FrfMatrix) -> Chart:

@@ -8,7 +8,7 @@ channel and mode by mode. Their covariance is ``F F'`` with `common` F, plus for
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
 from dynid.modal.modal_model import ModalFit, ModalModel, inverse_root
+from dynid.modal.spectra import LEAKAGE, MIN_RESOLUTION
 
 #: The scales of shapes.
 MODAL_A, MODAL_MASS, LARGEST = "modal a of 1", "unit modal mass", "largest entry 1"
@@ -39,6 +40,22 @@ class ReportedModes:
         from dynid.structure.correlation import complexity
 
         return complexity(self.shape.T)
+
+    def with_leakage(self, resolution: float) -> ReportedModes:
+        """Return the modes with the bias of damping by leakage of lines so far apart (Hz) as an error.
+
+        A mode narrower than twice the resolution has no standard errors (NaN).
+        """
+        n = len(self.omega)
+        lines = self.damping * self.omega / (np.pi * resolution)  # r = 2 zeta f / df
+        bias = np.zeros((len(self.common), n))
+        bias[n + np.arange(n), np.arange(n)] = LEAKAGE / lines**2 * self.damping
+        common, by_channel = np.hstack([self.common, bias]), self.by_channel.copy()
+        narrow = np.flatnonzero(lines < MIN_RESOLUTION)
+        for k in narrow:
+            common[k::n] = np.nan
+            by_channel[:, k::n] = np.nan
+        return replace(self, common=common, by_channel=by_channel)
 
     @property
     def scale_error(self) -> Array:
@@ -70,16 +87,18 @@ def reported_modes(
     modes: NDArray[np.int_],
     driving_points: Sequence[tuple[int, int]],
     bar_scale: float,
+    window_rate: float = 0.0,
 ) -> ReportedModes:
     """Return some modes of a fit: of unit modal a, or with real shapes mass, by the driving points.
 
     `driving_points`: response and reference of the DOFs that are both; of each mode that with the largest
-    residue counts. Without one the largest entry of each shape is 1. `bar_scale` multiplies standard errors.
+    residue counts. Without one the largest entry of each shape is 1. `bar_scale` multiplies standard errors;
+    the decay rate `window_rate` of a window (1/s) is subtracted from those of the poles.
     """
     n, channels = len(modes), model.responses
     parts = 1 if model.real else 2
     theta = _Unknowns(model, fit)
-    lam, psi = fit.poles[modes], fit.shapes[:, modes]
+    lam, psi = fit.poles[modes] + window_rate, fit.shapes[:, modes]
     omega = np.abs(lam)
     zeta = -lam.real / omega
     of_poles = theta.poles[np.concatenate([modes, len(fit.poles) + modes])]

@@ -24,6 +24,8 @@ _AVERAGED_LINES, _EXCESS = 7, 6.0
 MAX_ADDED, _TRIAL_STEPS, _MAX_ROUNDS = 12, 12, 30
 # Standard error of a decay rate, relative, above which a pole in the band is none.
 _MAX_DECAY_ERROR = 0.6
+# Damping ratio above which a pole is none, in the band or beyond it: residual terms do what it does.
+_MAX_RATIO = 0.5
 # Part of the band's width up to which poles beyond it are kept: they carry what leaks in from there.
 _GUARD_PART, _LOWEST_PART = 0.3, 0.2
 # Weak modes whose removal is tried in a round; times the worth up to which a Wald statistic says weak.
@@ -39,7 +41,7 @@ _SCALES = 2
 def worth(frf: FrfMatrix) -> float:
     """Return the decrease of chi-squared that a pole is worth."""
     parameters = 2 * frf.values.shape[1] + 2 * frf.values.shape[2]
-    return float(parameters + 8 * np.sqrt(2 * parameters))
+    return float(parameters + 8 * np.sqrt(2 * parameters)) * frf.correlation
 
 
 def in_band(poles: ComplexArray, frf: FrfMatrix) -> NDArray[np.bool_]:
@@ -115,13 +117,14 @@ def _pruned(model: ModalModel, poles: ComplexArray, participation: ComplexArray)
 
 
 def _not_modes(frf: FrfMatrix, fit: ModalFit, covariance: Array) -> NDArray[np.bool_]:
-    """Return the poles that are unstable, undetermined, or far beyond the band."""
+    """Return the poles that are unstable, undetermined, overdamped, or far beyond the band."""
     poles, m = fit.poles, len(fit.poles)
     error = np.sqrt(np.maximum(np.diag(covariance)[:m], 0.0))
     none = (poles.real >= 0) | (error > _MAX_DECAY_ERROR * np.abs(poles.real))
     low, high = frf.omega[0], frf.omega[-1]
     far = _GUARD_PART * (high - low)
     outside = (poles.imag < max(low - far, _LOWEST_PART * low)) | (poles.imag > high + far)
+    outside |= -poles.real > _MAX_RATIO * np.abs(poles)
     return np.asarray((in_band(poles, frf) & none) | outside)
 
 
@@ -157,7 +160,8 @@ def excess_by_line(model: ModalModel, fit: ModalFit) -> Array:
     kernel = np.ones(_AVERAGED_LINES)
     count = np.convolve(present, kernel, "same") * (degrees(model, fit) / model.frf.count)
     total = np.convolve(squares, kernel, "same")
-    return np.asarray((total - count) / np.sqrt(2 * np.maximum(count, 1)))
+    deviation = np.sqrt(2 * model.frf.correlation * np.maximum(count, 1))
+    return np.asarray((total - count) / deviation)
 
 
 def _extended(model: ModalModel, fit: ModalFit) -> ModalFit | None:

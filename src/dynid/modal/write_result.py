@@ -9,6 +9,7 @@ import numpy as np
 from dynid.arrays import ComplexArray
 from dynid.modal.modal_analysis import ModalAnalysis
 from dynid.modal.reported_modes import LARGEST
+from dynid.modal.spectra import MIN_RESOLUTION
 from dynid.result import Result
 
 #: Group of the results.
@@ -45,7 +46,8 @@ def add_modes(
     result.add(f"{GROUP}/shape_standard_error", by_shape, of_shapes)
     result.add(f"{GROUP}/complexity", modes.complexity, ("mode",))
     result.add(f"{GROUP}/covariance/common", modes.common, ("value", "factor"))
-    result.add(f"{GROUP}/covariance/by_channel", modes.by_channel, ("channel", "value_of_channel", "root"))
+    of_channels = modes.by_channel.reshape(-1, modes.by_channel.shape[2])
+    result.add(f"{GROUP}/covariance/by_channel", of_channels, ("channel_value", "root"))
     chart = analysis.chart
     result.add_all(f"{GROUP}/chart", ("point",), order=chart.order, chain=chart.chain)
     result.add(f"{GROUP}/chart/pole", chart.pole, ("point",), "rad/s")
@@ -79,6 +81,12 @@ def _doubts(analysis: ModalAnalysis) -> list[str]:
         doubts.append(
             f"the responses are not reciprocal (p = {analysis.reciprocity:.2g}): check gains and directions "
             "of the references"
+        )
+    narrow = [str(k + 1) for k in np.flatnonzero(np.isnan(modes.standard_errors[1]))]
+    if narrow:
+        doubts.append(
+            f"mode {', '.join(narrow)} has fewer than {MIN_RESOLUTION:g} lines in its bandwidth, and no "
+            "standard errors: leakage biases its damping; lengthen the segments"
         )
     if modes.normalisation != LARGEST:
         weak = [str(k + 1) for k in np.flatnonzero(modes.scale_error > _DOUBTFUL_SCALE)]

@@ -255,7 +255,13 @@ def _of_modes(record: ModalRecord, fit: RecordFit, noise: Array) -> _Calibration
     slopes = freed_record.slopes(freed_record.fit(eta, record.data.values), noise)
     # A step that is known too long: frequencies seem lower.
     late = np.zeros_like(fit.residual)
-    late[: survey.modes, 0] = survey.omega / record.spread[0]
+    if record.root is None:
+        late[: survey.modes, 0] = survey.omega / record.spread[0]
+    else:
+        columns = [np.zeros(len(column)) for column in record.measured_columns]
+        columns[0] = survey.omega
+        for k, column in enumerate(record.standardised(columns)):
+            late[: len(column), k] = column
     late = np.where(np.isnan(fit.residual), 0.0, late / noise)
     return _CalibrationDerivatives(
         (*(freed.unknowns[k].name for k in places), CLOCK),

@@ -21,7 +21,7 @@ from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.likelihood.lack_of_fit import ModelComparison, compare_models
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
-from dynid.identification.likelihood.modal_record import ModalRecord
+from dynid.identification.likelihood.modal_record import ModalFit, ModalRecord
 from dynid.identification.likelihood.priors import Priors
 from dynid.number_format import p_text
 
@@ -115,6 +115,9 @@ def _form_errors(likelihood: Likelihood, at: int, error: Array, fit: Fit) -> Arr
     errors = np.zeros(len(error))
     for k, (scatter, size) in enumerate(modes.scatter_and_size):
         residual = record_fit.residual[: len(scatter), k] * modes.spread[k]
+        if modes.root is not None:
+            assert isinstance(record_fit, ModalFit)
+            residual = modes.measured_columns[k] - record_fit.modes.columns[k]
         there = ~np.isnan(residual)
         expected = max(float(degrees[k]) - 2, float(degrees[k]) / 3)
         errors[k] = _form_error(residual[there], scatter[there], size[there], expected)

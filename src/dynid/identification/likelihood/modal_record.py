@@ -14,8 +14,9 @@ from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.errors import UsageError
 from dynid.identification.information import MODAL_SURVEY, Observed
 from dynid.identification.likelihood.paired_modes import PairedModes, paired_modes, real_parts
@@ -58,6 +59,8 @@ class ModalRecord(RecordLikelihood):
     count: int = 0  # how many modes of the model are computed
     close: float = CLOSE  # frequencies nearer to each other, relative, have one span of shapes
     left_out: tuple[int, ...] = ()
+    # Lower root of the covariance of the values that are there, and their mask; None of independent ones.
+    root: tuple[Array, NDArray[np.bool_]] | None = None
     modal: ClassVar[bool] = True
     outlier_remedy: ClassVar[str] = ""  # modes have no robust loss
 
@@ -87,15 +90,10 @@ class ModalRecord(RecordLikelihood):
         """
         left_out = self.left_out if left_out is None else left_out
         record = replace(self, error=error, left_out=left_out)
-        survey = self.measurement
-        columns = [survey.omega.copy()]
-        columns[0][list(left_out)] = np.nan
-        if survey.has_damping:
-            assert survey.damping is not None
-            columns.append(survey.damping)
-        if len(survey.dofs):
-            columns.append(real_parts(survey.shapes))
-        values = _side_by_side([a / b for a, b in zip(columns, record.spread, strict=True)])
+        columns = record.measured_columns
+        if self.measurement.covariance is not None:
+            record = replace(record, root=record.covariance_root(columns))
+        values = _side_by_side(record.standardised(columns))
         return replace(record, data=RecordData(values, given=np.ones(values.shape[1])))
 
     # Description.
@@ -141,10 +139,25 @@ class ModalRecord(RecordLikelihood):
     @property
     def nuisances(self) -> int:
         """Number of scales of shapes."""
+        if self.measurement.absolute:
+            return 0
         shapes = np.count_nonzero((~np.isnan(self.measurement.shapes)).any(axis=0))
         return int(shapes) * (2 if self.measurement.complex_shapes else 1)
 
     # Values and their deviations.
+
+    @property
+    def measured_columns(self) -> list[Array]:
+        """The measured values of each quantity, NaN of frequencies that are left out."""
+        survey = self.measurement
+        columns = [survey.omega.copy()]
+        columns[0][list(self.left_out)] = np.nan
+        if survey.has_damping:
+            assert survey.damping is not None
+            columns.append(survey.damping)
+        if len(survey.dofs):
+            columns.append(real_parts(survey.shapes))
+        return columns
 
     @cached_property
     def scatter_and_size(self) -> list[tuple[Array, Array]]:
@@ -173,6 +186,35 @@ class ModalRecord(RecordLikelihood):
         pairs = zip(self.scatter_and_size, self.error, strict=True)
         return [np.hypot(scatter, error * size) for (scatter, size), error in pairs]
 
+    def covariance_root(self, columns: Sequence[Array]) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the lower root of the covariance of measured values, errors of the form included.
+
+        Frequencies stand first: their standardised values do not depend on damping and shapes.
+        """
+        there = ~np.isnan(np.concatenate(columns))
+        covariance = self.measurement.relative_covariance[np.ix_(there, there)]
+        form = np.concatenate(
+            [e * size for (_, size), e in zip(self.scatter_and_size, self.error, strict=True)]
+        )
+        scale = np.sqrt(np.diag(covariance) + form[there] ** 2)
+        with guarded("the covariance of the measured modes", remedy="State a 'model_error' of shapes."):
+            correlation = covariance / np.outer(scale, scale)
+            correlation[np.diag_indices(len(scale))] = 1.0
+            return scale[:, None] * np.linalg.cholesky(correlation), there
+
+    def standardised(self, columns: Sequence[Array]) -> list[Array]:
+        """Return values of each quantity, or slopes (values x p), as independent ones of unit variance."""
+        if self.root is None:
+            pairs = zip(columns, self.spread, strict=True)
+            return [a / (b if a.ndim == 1 else b[:, None]) for a, b in pairs]
+        from scipy.linalg import solve_triangular
+
+        lower, there = self.root
+        joint = np.concatenate(columns)
+        values = np.full(joint.shape, np.nan)
+        values[there] = solve_triangular(lower, joint[there], lower=True)
+        return np.split(values, np.cumsum([len(column) for column in columns])[:-1])
+
     # Prediction.
 
     @cached_property
@@ -198,9 +240,8 @@ class ModalRecord(RecordLikelihood):
             self.measurement, self.rows, solution, self.model.slopes(at), self.error, self.close
         )
         rate = rates(self.unknowns, eta)
-        spread = self.spread
-        outputs = _side_by_side([a / b for a, b in zip(paired.columns, spread, strict=True)])
-        slopes = [a * rate / b[:, None] for a, b in zip(paired.slopes, spread, strict=True)]
+        outputs = _side_by_side(self.standardised(paired.columns))
+        slopes = self.standardised([slope * rate for slope in paired.slopes])
         by_parameter = np.stack([_filled(slope, len(outputs)) for slope in slopes], axis=1)
         return ModalFit(**vars(self._fit_at(eta, outputs, by_parameter, values)), modes=paired)
 

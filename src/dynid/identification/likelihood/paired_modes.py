@@ -85,7 +85,17 @@ def paired_modes(
             if j not in turned:
                 moved = rows @ solution.shape_slopes(j, span, slopes)
                 turned[j] = _turned(at_sensors[:, j], moved, wide=bool(measured.complex_shapes))
-        weight = 1 / np.hypot(scatter[:, k], form)[there]
+        if measured.absolute and len(span) == 1:
+            shape, moved = _scaled(solution, pair, slopes, rows, real=not measured.complex_shapes)
+            scale = (-1 if np.vdot(target[there, k], shape[there]).real < 0 else 1) / measured.sizes[k]
+            shapes[there, k], by_shape[there, k] = scale * shape[there], scale * moved[there]
+            pair_mac[k] = _mac_of(target[:, k], shapes[:, [k]])[0]
+            poles[k] = solution.poles[pair]
+            by_pole[k] = solution.pole_slopes(solution.poles[pair], solution.shapes[:, pair], slopes)
+            continue
+        weight = np.ones(np.count_nonzero(there))
+        if measured.covariance is None:
+            weight = 1 / np.hypot(scatter[:, k], form)[there]
         weights, shapes[there, k], by_shape[there, k] = _best_of_span(
             [turned[j] for j in span], there, weight, target[there, k]
         )
@@ -103,6 +113,31 @@ def paired_modes(
         columns.append(real_parts(shapes))
         changes.append(np.stack([real_parts(by_shape[..., j]) for j in range(p)], axis=1))
     return PairedModes(columns, changes, pairs, zeta, shapes, table, pair_mac)
+
+
+def _scaled(
+    solution: ModalSolution, mode: int, slopes: Any, rows: Array, *, real: bool
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return a shape of unit modal a, or real of unit modal mass, at the sensors, and its slopes."""
+    psi, pole = solution.shapes[:, mode], complex(solution.poles[mode])
+    M, C = solution.matrices[:2]
+    moved, of_pole = (
+        solution.shape_slopes(mode, [mode], slopes),
+        solution.pole_slopes(pole, psi, slopes),
+    )
+    border = 2 * pole * np.asarray(M @ psi) + (np.asarray(C @ psi) if solution.damped else 0.0)
+    a = psi @ border
+    of_a = 2 * (border @ moved) + 2 * of_pole * (psi @ np.asarray(M @ psi))
+    for j, changes in enumerate(slopes):
+        for letter, factor in (("M", 2 * pole), ("C", 1.0 if solution.damped else 0.0)):
+            if letter in changes:
+                of_a[j] += factor * (psi @ np.asarray(changes[letter] @ psi))
+    shape, moved = psi / np.sqrt(a), (moved - np.outer(psi, of_a / (2 * a))) / np.sqrt(a)
+    if real:  # modal a is 2 i omega times modal mass
+        scale = np.sqrt(2j * pole.imag)
+        by_scale = np.outer(shape, of_pole.imag / (2 * pole.imag))
+        shape, moved = (scale * shape).real, (scale * (moved + by_scale)).real
+    return rows @ shape, rows @ moved
 
 
 def _best_of_span(

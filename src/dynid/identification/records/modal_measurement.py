@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,8 @@ class Scatter(NamedTuple):
 USUAL = Scatter(0.005, 0.2, 0.05)
 #: Least scatter where one is given: a scatter of few tests may be zero by chance, as that of a reference is.
 FLOORS = Scatter(0.001, 0.02, 0.02)
+#: Standard deviation of a free scale, relative: so wide that a shape says nothing of it.
+_FREE_SCALE = 1e2
 #: No error of the model's form.
 NO_ERROR = Scatter(0.0, 0.0, 0.0)
 
@@ -54,6 +57,10 @@ class ModalMeasurement:
     floors: Scatter = FLOORS
     # Errors of the model's form, relative as `Scatter`, which add to the scatter.
     model_error: Scatter = NO_ERROR
+    # Covariance of frequencies, damping ratios, and parts of shapes (sensors x r; real parts first);
+    # absent: the deviations are independent.
+    covariance: Array | None = None
+    absolute: bool = False  # True of shapes of unit modal a, or if they are real, of unit modal mass
     unit: str = "rad/s"  # unit of the frequencies in results: rad/s or Hz
 
     def __post_init__(self) -> None:
@@ -91,6 +98,23 @@ class ModalMeasurement:
             return np.ones(self.modes)
         largest = np.max(np.nan_to_num(np.abs(self.shape)), axis=0)
         return np.where(largest > 0, largest, 1.0)
+
+    @cached_property
+    def relative_covariance(self) -> Array:
+        """Covariance of frequencies, damping ratios and `shapes`, whose free scales have no weight."""
+        assert self.covariance is not None
+        parts = 2 if self.complex_shapes else 1
+        scale = np.ones(len(self.covariance))
+        scale[2 * self.modes :] = np.tile(1 / self.sizes, parts * len(self.dofs))
+        covariance = self.covariance * np.outer(scale, scale)
+        for k in range(0 if self.absolute else self.modes):
+            shape = np.zeros_like(self.shapes, dtype=complex)
+            shape[:, k] = self.shapes[:, k]
+            for turn in (1, 1j)[:parts]:
+                flat = (turn * shape).ravel()
+                along = np.concatenate([np.zeros(2 * self.modes), *(flat.real, flat.imag)[:parts]])
+                covariance += _FREE_SCALE**2 * np.outer(along, along)
+        return np.asarray(covariance)
 
     @property
     def complex_shapes(self) -> bool:

@@ -50,7 +50,7 @@ from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.modal_record import ModalFit, ModalRecord
 from dynid.identification.likelihood.record_likelihood import ScatterTest
 from dynid.identification.systems.parametric_model import Rebuild
-from dynid.parameters import named, starts
+from dynid.parameters import named, rates, starts
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.structure.correlation import comac, complexity
@@ -107,6 +107,8 @@ def left_out(record: ModalRecord, eta: Array) -> _LeftOut:
         assert fit.by_parameter is not None
         error[k] = fit.omega[k] / measured[k] - 1
         slope = fit.by_parameter[k, 0] * record.spread[0][k] / measured[k]
+        if record.root is not None:
+            slope = fit.modes.slopes[0][k] * rates(record.unknowns, end.eta) / measured[k]
         for survey, root, bars in zip((record, bare), roots, (deviation, by_scatter), strict=True):
             bars[k] = np.hypot(np.linalg.norm(slope @ root), survey.spread[0][k] / measured[k])
     return _LeftOut(error, deviation, by_scatter)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -32,6 +32,7 @@ class ModalTest(NamedTuple):
     references: list[str]  # DOFs of the forces
     powers: ComplexArray  # factors from receptances to what was measured (lines x channels)
     proportional: bool = False
+    resolution: float = 0.0  # distance of the lines of random records, Hz
     notes: tuple[str, ...] = ()
 
     @property
@@ -62,6 +63,8 @@ def run(scene: Scene[ModalAnalysisScene], sample: Result | None = None) -> Resul
         real=options.shapes == "real",
         reciprocal=options.reciprocal,
         proportional=test.proportional,
+        window_rate=window_rate(scene),
+        resolution=test.resolution,
     )
     result = sample if sample is not None else Result("modal-analysis", scene.title)
     add_modes(result, analysis, test.channels, test.references, test.powers, test.notes)
@@ -77,8 +80,14 @@ def modal_test(scene: Scene[ModalAnalysisScene]) -> ModalTest:
     """Return the frequency responses of a scene in its band."""
     measurement = scene.model.measurement
     if measurement.frf is None:
-        raise UsageError("records of time are not read yet", names=("measurement",))
+        return _test_of_records(scene)
     return _matrix_of(scene, frf_measurement(scene, measurement))
+
+
+def window_rate(scene: Scene[ModalAnalysisScene]) -> float:
+    """Return the decay rate (1/s) that an exponential window adds; 0 without one."""
+    exponential = scene.model.exponential
+    return 0.0 if exponential is None else 1 / float(exponential)
 
 
 def _matrix_of(scene: Scene[ModalAnalysisScene], measured: FrfMeasurement) -> ModalTest:
@@ -91,7 +100,7 @@ def _matrix_of(scene: Scene[ModalAnalysisScene], measured: FrfMeasurement) -> Mo
     matrix, noise, scale = np.full(shape, np.nan, dtype=complex), np.full(shape, np.nan), np.ones(shape[1:])
     powers = np.ones(shape[:2], dtype=complex)
     for column, (frf, (o, i, sign)) in enumerate(zip(measured.channels, at, strict=True)):
-        power = (1j * omega) ** frf.channel.order
+        power = (1j * omega + window_rate(scene)) ** frf.channel.order
         powers[:, o] = power
         factor = sign * power * _instrument(frf.channel, omega)
         matrix[:, o, i] = values[:, column] / factor
@@ -100,7 +109,72 @@ def _matrix_of(scene: Scene[ModalAnalysisScene], measured: FrfMeasurement) -> Mo
     estimated = bool(np.isnan(scale).any())
     shaped = measured.proportional or measured.deviation is not None
     frf_matrix = FrfMatrix(omega, matrix, noise, np.where(np.isnan(scale), 1.0, scale), estimated, shaped)
-    return ModalTest(frf_matrix, responses, references, powers, measured.proportional, measured.notes)
+    if scene.model.exponential is not None:
+        frf_matrix = frf_matrix.windowed(float(scene.model.exponential))
+    return ModalTest(frf_matrix, responses, references, powers, measured.proportional, notes=measured.notes)
+
+
+def _test_of_records(scene: Scene[ModalAnalysisScene]) -> ModalTest:
+    """Return responses estimated from records of time with their excitation.
+
+    Raises `UsageError` where a record has not one measured force.
+    """
+    from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
+    from dynid.modal.spectra import TimeRecord, spectra_of_records
+    from dynid.scene.kinds.measurements import experiments
+
+    model = scene.model
+    records, sensors = [], {}
+    for number, (loads, measurement) in enumerate(experiments(scene, model.excitation, model.measurement), 1):
+        force = _force_of(loads, measurement, number)
+        names = [str(channel.dof) for channel in measurement.channels]
+        for name, channel in zip(names, measurement.channels, strict=True):
+            sensors[name, str(loads[0].dof)] = Frf(channel, loads[0].dof)
+        values = np.asarray(measurement.source) - [float(channel.offset) for channel in measurement.channels]
+        if np.isnan(values).any():
+            raise UsageError(
+                f"record {number} has missing samples, which spectra would spread",
+                remedy="Take a stretch without any.",
+                names=("measurement.records", "measurement"),
+            )
+        records.append(
+            TimeRecord(f"record {number}", force, values, names, str(loads[0].dof), measurement.step)
+        )
+    exponential, segment = (
+        None if seconds is None else float(seconds) for seconds in (model.exponential, model.segment)
+    )
+    spectra = spectra_of_records(records, exponential=exponential, segment=segment)
+    # Beyond the band the force may have no power, and the noise any size.
+    pairs, used = list(spectra.values), in_band(scene, spectra.omega)
+    values = np.column_stack([spectra.values[pair][used] for pair in pairs])
+    variances = [variance[used] for pair in pairs if (variance := spectra.variance[pair]) is not None]
+    deviation = np.sqrt(np.column_stack(variances)) if len(variances) == len(pairs) else None
+    channels, notes = tuple(sensors[pair] for pair in pairs), tuple(spectra.notes)
+    measured = FrfMeasurement(spectra.omega[used], channels, values, None, deviation, notes=notes)
+    return _matrix_of(scene, measured)._replace(resolution=spectra.resolution)
+
+
+def _force_of(loads: Sequence[Any], measurement: Any, number: int) -> Array:
+    """Return the samples of the only force of a record at the times of its responses."""
+    names = ("excitation", "measurement.excitation", "measurement.records")
+    if len(loads) != 1 or loads[0].motion is not None:
+        raise UsageError(
+            f"record {number} has {len(loads)} excitations, and a modal analysis takes one force a record",
+            remedy="Record the forces one after the other.",
+            names=names,
+        )
+    load = loads[0]
+    if load.signal.kind != "file":
+        raise UsageError(
+            f"the force of record {number} is not measured, but of the kind {load.signal.kind}",
+            remedy="Give its samples: {dof: …, kind: file, path: …}.",
+            names=names,
+        )
+    step = measurement.step
+    first = round((measurement.record.start - load.signal.start - float(load.delay)) / step)
+    samples = np.asarray(load.signal.values)[max(first, 0) :][: measurement.samples]
+    force = float(load.gain) * np.pad(samples, (max(-first, 0), 0), mode="edge")[: measurement.samples]
+    return np.asarray(np.pad(force, (0, measurement.samples - len(force)), mode="edge"))
 
 
 def in_band(scene: Scene[ModalAnalysisScene], omega: Array) -> Any:

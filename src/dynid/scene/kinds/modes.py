@@ -105,7 +105,19 @@ def _from_file(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
         own(survey.damping_std),
         own(survey.shape_std),
         unit,
+        covariance=None
+        if survey.covariance is None
+        else _kept(survey.covariance, len(survey.frequency), keep),
+        absolute=survey.absolute,
     )
+
+
+def _kept(covariance: Any, modes: int, keep: Any) -> Any:
+    """Return the covariance of some of the modes; values stand mode by mode within each quantity."""
+    import numpy as np
+
+    rows = (modes * np.arange(len(covariance) // modes)[:, None] + keep).ravel()
+    return covariance[np.ix_(rows, rows)]
 
 
 def _sensors(scene: Scene, sensors: list[Label] | SensorFileModel) -> list[Label]:
@@ -120,8 +132,15 @@ def _sensors(scene: Scene, sensors: list[Label] | SensorFileModel) -> list[Label
     return list(whole_numbers(file, sensors.name, "name"))
 
 
-def _measured(modes: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *rest: Any) -> ModalMeasurement:
-    """Return measured modes with the floors and model errors of the scene."""
+def _measured(
+    modes: MeasuredModesModel,
+    omega: Any,
+    dofs: Sequence[Label],
+    *rest: Any,
+    covariance: Any = None,
+    **scale: Any,
+) -> ModalMeasurement:
+    """Return measured modes with the floors (without a covariance) and model errors of the scene."""
     from dynid.identification.records.modal_measurement import FLOORS, NO_ERROR, ModalMeasurement
 
     shape, damping, omega_std, damping_std, shape_std, unit = rest
@@ -134,9 +153,11 @@ def _measured(modes: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *res
             omega_std,
             damping_std,
             shape_std,
-            floors=_scatter(modes.floor, FLOORS),
+            floors=_scatter(modes.floor, FLOORS) if covariance is None else NO_ERROR,
             model_error=_scatter(modes.model_error, NO_ERROR),
+            covariance=covariance,
             unit=unit,
+            **scale,
         )
     except UsageError as error:
         raise UsageError(error.problem, remedy=error.remedy, names=(_PLACE,)) from error

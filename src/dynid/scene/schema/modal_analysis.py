@@ -42,6 +42,8 @@ class ModalAnalysisScene(SceneModel):
     excitation: Signals = []
     measurement: MeasurementModel
     band: ModalBandModel
+    exponential: Positive | None = None
+    segment: Positive | None = None
     modes: ModalOptionsModel = Field(default=ModalOptionsModel.model_construct())
 
     @model_validator(mode="after")
@@ -62,6 +64,10 @@ class ModalAnalysisScene(SceneModel):
             yield ("excitation", AT_KEY), "frequency responses are of unit forces; leave 'excitation' out"
         if any(record.simulate is not None for record in measurement.each):
             yield ("measurement", AT_KEY), _NO_MODEL
+        if frf is not None and self.segment is not None:
+            yield ("segment", AT_KEY), "a 'segment' is of records of time; leave it out"
+        if frf is None and not all(record.excitation or self.excitation for record in measurement.each):
+            yield ("measurement", AT_KEY), _OUTPUT_ONLY
 
     def _channel_faults(self) -> Iterator[Located]:
         for path, channel in sections(self, ChannelModel):
@@ -71,4 +77,5 @@ class ModalAnalysisScene(SceneModel):
                 yield (*path, "dofs", AT_KEY), "a shape has one DOF a channel; write 'dof'"
 
 
+_OUTPUT_ONLY = "modes of responses alone are not available; record the force, and give it as 'excitation'"
 _NO_MODEL = "there is no model to simulate; read the measurement from a 'file'"
