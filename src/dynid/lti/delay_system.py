@@ -84,7 +84,7 @@ class DelaySystem:
     @property
     def inputs(self) -> int:
         """The number of inputs u."""
-        return self.lft.B.shape[1] - len(self.delays)
+        return len(self.lft.B.T) - len(self.delays)
 
     @property
     def outputs(self) -> int:
@@ -212,7 +212,7 @@ class Propagation:
         breaks = self._signal_breaks()
         self._unit = _common_denominator([*system.delays, self.stop, period, *(time for time, *_ in breaks)])
         #: Break points ahead: time in ticks, input, order of the derivative that jumps, Dirac strength.
-        self._breaks = [(self._ticks(time), *event) for time, *event in breaks]
+        self._breaks = [(self._ticks(time), column, *jump) for time, column, *jump in breaks]
         heapify(self._breaks)
         self._delays, self._now = [self._ticks(delay) for delay in system.delays], 0
         self._shortest = min(self._delays, default=self._ticks(self.stop or Fraction(1)))

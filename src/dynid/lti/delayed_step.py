@@ -127,7 +127,7 @@ class _DelayedStep(StepResponse):
     def _reached(self, fraction: float) -> float:
         """Return the first time at which the response is at least a part of its final value."""
         sign = 1 if self.final > 0 else -1
-        over = sign * self._values >= (fraction - 1) * self.final * sign
+        over = np.asarray(sign * self._values >= (fraction - 1) * self.final * sign)
         segment = int(over.any(axis=1).argmax())
         point = int(over[segment].argmax())
         return self._crossing(segment, point - 1, point, (fraction - 1) * self.final)
@@ -155,4 +155,4 @@ class _DelayedStep(StepResponse):
         def excess(fraction: float) -> float:
             return float(chebyshev.chebval(2 * fraction - 1, coefficients)) - level
 
-        return self._time(segment, brentq(excess, *ends, xtol=1e-15))
+        return self._time(segment, brentq(excess, ends[0], ends[1], xtol=1e-15))

@@ -205,8 +205,9 @@ def damped_structure(
         for letter, matrix in matrices.items()
         for coefficient, pattern in matrix.terms
     )
+    references: dict[str, Any] = {letter: matrix.reference for letter, matrix in matrices.items()}
     return StructuralModel(
-        **{letter: matrix.reference for letter, matrix in matrices.items()},
+        **references,
         joints=tuple(joints),
         dofs=tuple(dofs),
         parameters=tuple(parameters),

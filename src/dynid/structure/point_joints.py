@@ -70,7 +70,9 @@ def components(
         raise _refused(joint, f"has no direction '{wrong[0]}'", f"Use {', '.join(DIRECTIONS)}.")
     losses = _loss_factors(joint, list(matrices.get("k", ())))
     for along in (direction for direction in DIRECTIONS if direction in directions):
-        parameters = {letter: matrix[along] for letter, matrix in matrices.items() if along in matrix}
+        parameters: dict[str, Any] = {
+            letter: matrix[along] for letter, matrix in matrices.items() if along in matrix
+        }
         parameters |= {"eta": losses[along]} if along in losses else {}
         laws = joint.laws.get(along, ())
         offset = joint.offset if laws else None
@@ -82,8 +84,10 @@ def components(
         if matrix is None or letter in matrices:
             continue
         dofs, block = _over_points(joint, letter, matrix, ends)
-        loss = {"eta": losses[""]} if letter == "k" and "" in losses else {}
-        joints.append(Joint(joint.name, dofs, **{letter: block}, **loss, component=""))
+        parameters = {letter: block}
+        if letter == "k" and "" in losses:
+            parameters["eta"] = losses[""]
+        joints.append(Joint(joint.name, dofs, **parameters))
     return ends.motions, _merged(joints)
 
 

@@ -123,8 +123,8 @@ class DelayedChannels:
 
     def _list(self, function: QuasiPolynomial) -> ListedRoots:
         if function.is_rational:
-            roots = certified_roots(function.terms[Fraction(0)])
-            return ListedRoots(tuple(roots), "", verdict(roots))
+            certified = certified_roots(function.terms[Fraction(0)])
+            return ListedRoots(tuple(certified), "", verdict(certified))
         decided = stability(function, self._work)
         if math.isinf(decided.unstable_poles):
             return ListedRoots((), decided.reason, decided)
@@ -155,8 +155,8 @@ def true_channels(result: Result, analysis: Analysis, opened: BondGraph) -> dict
     paths = [path for path in result if path.startswith(_GROUPS)]
     ports = {str(port): _opened_port(port, opened) for port in analysis.outputs}
     # the signals of loops are known, or what they meet in a controller
-    pairs = {tuple(path.split("/")[2:4]): None for path in paths}
-    pairs = [(output, source) for output, source in pairs if ports[output].node in opened.nodes]
+    channels_of = dict.fromkeys((path.split("/")[2], path.split("/")[3]) for path in paths)
+    pairs = [(output, source) for output, source in channels_of if ports[output].node in opened.nodes]
     try:
         channels = DelayedChannels(opened, analysis, [(ports[output], source) for output, source in pairs])
     except Singular:  # with its loops cut the graph has no unique solution
@@ -167,7 +167,9 @@ def true_channels(result: Result, analysis: Analysis, opened: BondGraph) -> dict
         roots, properties = (f"{group}{output}/{source}" for group in _GROUPS)
         for name, listed in (("zeros", zeros), ("poles", poles)):
             add_roots(arrays, roots, name, listed.roots)
-            arrays[f"{roots}/{name}"].attrs.update({"note": listed.note} if listed.note else {})
+            if listed.note:
+                path = f"{roots}/{name}"
+                arrays.put(path, replace(arrays[path], attrs={"note": listed.note}))
         values = np.array([root.value for root in poles.roots for _ in range(root.multiplicity)], complex)
         size, damping = natural_frequencies(values)
         arrays.add_axis(f"{properties}/mode", np.arange(1, len(size) + 1))

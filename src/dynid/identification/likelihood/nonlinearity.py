@@ -21,6 +21,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
 from dynid.defaults import NONLINEAR
@@ -331,7 +332,7 @@ def _tested(joints: tuple[str, ...], columns: Sequence[_Columns], p: int, *, rou
     absorbed = H.diagonal() <= _ABSORBED_SQUARE * np.asarray(sizes)[p:-1]
     shape = (len(joints), len(TERMS))
 
-    def p_value(chosen: Array) -> float:
+    def p_value(chosen: NDArray[np.intp]) -> float:
         chosen = chosen[~absorbed[chosen]]
         if not len(chosen) or round_off or degrees <= len(chosen):
             return 1.0 if len(chosen) else math.nan
