@@ -236,7 +236,8 @@ class Result(Mapping[str, Variable]):
         """Return the state equations of a bond graph as a system of python-control.
 
         Signals keep their names, with an underscore for the dot that python-control does not allow:
-        `m_s.f` is `m_s_f`.
+        `m_s.f` is `m_s_f`. Where loops have delays it is their linear fractional form: the last inputs are
+        the last outputs, each by its delay before (``bond_graph/state_space/delay``, s).
 
         Raises
         ------

@@ -112,3 +112,76 @@ def test_what_cannot_be_handed_over_is_said(dynid, folder, motor, options, said)
     code, _, err = dynid("export", "motor.h5", *options)
     assert (code in (2, 4), said in err) == (True, True)
     assert (folder / "motor.h5").read_bytes() == before
+
+
+DELAYED = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {u: Se, j: 1, m: {type: I, value: 1}, b: {type: R, value: 0.4}, k: {type: C, value: 1}, act: Se}
+  bonds: [u -> j, act -> j, j -> m, j -> b, j -> k]
+analysis: {inputs: [u, w], outputs: [k.q, j.f], results: [properties]}
+control:
+  loops:
+  - from: k.q
+    to: act
+    controller: {pid: {kp: 1, ki: 0.3, kd: 0.4, tf: 0.05}, delay: 0.3}
+    setpoint: w
+expect: [{path: bond_graph/system/stable, value: true}]
+"""
+
+
+def transfer(s):
+    """T from u and w to k.q and j.f of `DELAYED`, by hand."""
+    controller = (1 + 0.3 / s + 0.4 * s / (0.05 * s + 1)) * np.exp(-0.3 * s)
+    below = s**2 + 0.4 * s + 1 + controller
+    return np.array([[1, controller], [s, s * controller]]) / below
+
+
+@pytest.mark.parametrize("name", ["plant.mat", "plant.npz"])
+def test_state_equations_of_a_scene_with_delays_are_a_linear_fractional_form(dynid, folder, name):
+    (folder / "late.yaml").write_text(DELAYED)
+    assert dynid("export", "late.yaml", "--state-space", "-o", name)[0] == 0
+    if name.endswith(".mat"):
+        found = loadmat(folder / name)
+        inputs = [str(cell[0]) for cell in found["inputs"].ravel()]
+    else:
+        found = np.load(folder / name)
+        inputs = found["inputs"].tolist()
+    assert inputs == ["u", "w", "act.delayed"]
+    s, tau = 0.7j, found["tau"].ravel()
+    assert tau.tolist() == [0.3]
+    inner = np.linalg.inv(s * np.eye(4) - found["A"])
+    G = {
+        f"{row}{column}": found[f"C{row}"] @ inner @ found[f"B{column}"] + found[f"D{row}{column}"]
+        for row in (1, 2)
+        for column in (1, 2)
+    }
+    late = np.diag(np.exp(-s * tau))
+    response = G["11"] + G["12"] @ late @ np.linalg.solve(np.eye(1) - G["22"] @ late, G["21"])
+    np.testing.assert_allclose(response, transfer(s), rtol=1e-13)
+
+
+def test_state_equations_of_a_result_and_what_cannot_be_exported(dynid, folder, motor, beam):  # noqa: ARG001
+    assert dynid("export", "motor.h5", "--state-space")[0] == 0
+    assert np.array_equal(loadmat(folder / "motor.mat")["A"], motor["bond_graph/state_space/A"].data)
+    for arguments, message in (
+        (["motor.h5", "--state-space", "-o", "motor.csv"], "not written as '.csv'"),
+        (["beam.h5", "--state-space", "-o", "a.mat"], "holds no state equations"),
+        ([str(CONFIGS / "beam_reduction.yaml"), "--state-space"], "kind reduction"),
+    ):
+        status, _, error = dynid("export", *arguments)
+        assert status
+        assert message in error
+
+
+def test_python_control_has_the_linear_fractional_form():
+    from dynid.scene.load import check_source
+    from dynid.scene.yaml.source import parse_source
+
+    scene = check_source(parse_source(DELAYED.replace("[properties]", "[state_space, time_response], "
+        "time: {stop: 3, step: 0.5}").replace("expect:", "#"), "late.yaml"))  # fmt: skip
+    result = package.run(scene)
+    system = result.to_control()
+    assert system.input_labels == ["u", "w", "act_delayed"]
+    assert (system.nstates, result["bond_graph/state_space/delay"].data.tolist()) == (4, [0.3])

@@ -195,9 +195,20 @@ def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) 
 def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Add the state equations, and responses over frequency and time."""
     asked, late = analysis.results, any(loop.delayed for loop in analysis.loops)
+    delayed, modelled = None, reduced
+    outputs, stored = reduced.outputs, tuple(analysis.initial)
+    if analysis.sampled_loops is not None and "time_response" in asked:
+        from dynid.bondgraph.sampled_response import sampled_system
+
+        delayed, modelled = sampled_system(analysis.sampled_loops, reduced.inputs, outputs, stored)
+    elif late and asked & {"state_space", "time_response"}:
+        from dynid.bondgraph.delayed_states import delay_system
+
+        opened = analysis.opened_as_read
+        delayed, modelled = delay_system(opened, analysis.loops, reduced.inputs, outputs, stored)
     if "state_space" in asked:
         report_progress("state equations")
-        add_state_space(result, reduced)
+        add_state_space(result, modelled, delayed.delays if delayed else ())
     if "frequency_response" in asked and analysis.omega is not None:
         report_progress("frequency response")
         evaluate = None
@@ -220,18 +231,6 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
             add_phase(result, "bond_graph/frequency_response", "response", evaluate, delays)
     if "time_response" in asked and analysis.times is not None:
         report_progress("time response")
-        delayed, modelled = None, reduced
-        outputs, stored = reduced.outputs, tuple(analysis.initial)
-        if analysis.sampled_loops is not None:
-            from dynid.bondgraph.sampled_response import sampled_system
-
-            delayed, modelled = sampled_system(analysis.sampled_loops, reduced.inputs, outputs, stored)
-        elif late:
-            from dynid.bondgraph.delayed_states import delay_system
-
-            delayed, modelled = delay_system(
-                analysis.opened_as_read, analysis.loops, reduced.inputs, outputs, stored
-            )
         add_time_response(
             *(result, reduced, analysis.times, analysis.signals, analysis.initial),
             apart=analysis.apart,

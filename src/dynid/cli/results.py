@@ -199,6 +199,13 @@ _SYSTEMS = ("json", "mat", "mtx")
 @click.option("--mat", "form", flag_value="mat", help="Write state equations and reduced models for MATLAB.")
 @click.option("--mtx", "form", flag_value="mtx", help="Write the matrices of reduced models, one file each.")
 @click.option(
+    "--state-space",
+    "form",
+    flag_value="state-space",
+    help="Write the state equations of a result, or of a scene, as .mat or .npz; delays in linear "
+    "fractional form.",
+)
+@click.option(
     "--scene",
     "form",
     flag_value="scene",
@@ -226,8 +233,9 @@ def export(
     A study gives one table with one row per sample. Any other result gives one table per group, with one row
     per entry of its arrays; complex numbers take two columns, .re and .im. Of an identification, --scene
     writes the scene with the estimates in place of the unknowns; of a design, the scene with the designed
-    values; of a synthesis, the bond graph of a form. One of the formats --csv, --parquet, --json, --mat,
-    --mtx and --scene is required.
+    values; of a synthesis, the bond graph of a form. --state-space also takes a scene of a bond graph, which
+    is run for its state equations. One of the formats --csv, --parquet, --json, --mat, --mtx, --state-space
+    and --scene is required.
 
     \b
     Examples:
@@ -236,10 +244,12 @@ def export(
       dynid export isolator.h5 --json
       dynid export joints.h5 --scene -o identified.yaml
       dynid export impedance.h5 --scene --form foster
+      dynid export servo.yaml --state-space -o servo.npz
     """  # noqa: D301 - click's mark against wrapping
     if form is None:
         raise UsageError(
-            "no format to export is given", remedy="Pass --csv, --parquet, --json, --mat, --mtx or --scene."
+            "no format to export is given",
+            remedy="Pass --csv, --parquet, --json, --mat, --mtx, --state-space or --scene.",
         )
     if realisation is not None and form != "scene":
         raise UsageError("--form names the form of a scene", remedy="Pass --scene, too.")
@@ -248,6 +258,9 @@ def export(
         return 0
     if form == "scene":
         _export_scene(file, output, realisation)
+        return 0
+    if form == "state-space":
+        _export_state_space(file, output)
         return 0
     from dynid.file_access import file_names, remove_parts
     from dynid.store import open_stored
@@ -326,6 +339,33 @@ def _export_systems(file: str, form: str, output: str | None) -> None:
     for path, content in contents.items():
         replace_file(path, content)
         click.echo(f"wrote {path}")
+
+
+def _export_state_space(file: str, output: str | None) -> None:
+    from dynid.file_access import remove_parts, replace_file
+    from dynid.store import export, read_result
+
+    target = Path(output or f"{Path(file).stem}.mat")
+    if target.suffix not in (".mat", ".npz"):
+        raise UsageError(f"state equations are not written as '{target.suffix}'", remedy="Use .mat or .npz.")
+    if Path(file).suffix in (".yaml", ".yml"):
+        from dynid.scene.load import load_scene
+        from dynid.scene.run import run_scene
+
+        scene = load_scene(file)
+        if scene.kind != "bond-graph":
+            raise UsageError(
+                f"{file} is a scene of kind {scene.kind}; bond graphs have state equations",
+                remedy="Of a reduction export the matrices of its result: --mtx or --mat.",
+            )
+        result = run_scene(load_scene(file, ["analysis.results=[state_space]"]))
+    else:
+        result = read_result(file)
+    content = export.state_space_file(result, target.suffix)
+    _refuse_overwriting(str(target), file)
+    remove_parts(target.parent)
+    replace_file(target, content)
+    click.echo(f"wrote {target}")
 
 
 def _table_named(tables: list[ExportTable], name: str) -> ExportTable:

@@ -88,22 +88,15 @@ def _plain(value: Any) -> Any:
 def matlab_file(result: Result) -> bytes:
     """Return the systems of a result as a MATLAB file (version 5).
 
-    State equations are `A`, `B`, `C`, `D` with the cells `states`, `inputs`, `outputs`; every reduction is a
-    structure with `mass`, `stiffness`, `damping` and `T`, under its method's name.
+    State equations are as of `state_space_file`; every reduction is a structure with `mass`, `stiffness`,
+    `damping` and `T`, under its method's name.
 
     Raises
     ------
     UsageError
         Where the result holds neither.
     """
-    from scipy.io import savemat
-
-    variables: dict[str, Any] = {}
-    if f"{_STATE_SPACE}/A" in result:
-        variables = {name: result[f"{_STATE_SPACE}/{name}"].data for name in "ABCD"}
-        for axis in ("state", "input", "output"):
-            labels = list(result[f"{_STATE_SPACE}/{axis}"].data)
-            variables[f"{axis}s"] = np.asarray(labels, dtype=object)
+    variables = _state_space(result)
     for method, matrices in _reductions(result).items():
         variables[method.replace("-", "_")] = matrices
     if not variables:
@@ -111,6 +104,58 @@ def matlab_file(result: Result) -> bytes:
             "the result holds no state equations and no reduced model",
             remedy="Add state_space to analysis.results of a bond graph, or run a reduction.",
         )
+    return _matlab_bytes(variables)
+
+
+def state_space_file(result: Result, suffix: str) -> bytes:
+    """Return the state equations of a bond graph as a MATLAB (``.mat``) or NumPy (``.npz``) file.
+
+    Matrices `A`, `B`, `C`, `D`, and `feedthrough` (orders x outputs x inputs) where outputs follow
+    derivatives of inputs; names in `states`, `inputs`, `outputs`. With delays a linear fractional form, named
+    as MATLAB's `setDelayModel` has it: x' = A x + B1 u + B2 w, y = C1 x + D11 u + D12 w,
+    z = C2 x + D21 u + D22 w, w_i(t) = z_i(t - tau_i).
+
+    Raises
+    ------
+    UsageError
+        Where the result holds none.
+    """
+    variables = _state_space(result)
+    if not variables:
+        raise UsageError(
+            "the result holds no state equations",
+            remedy="Add state_space to analysis.results of a bond graph, or export its scene.",
+        )
+    if suffix == ".mat":
+        return _matlab_bytes(variables)
+    stream = BytesIO()
+    texts = {name: value.astype(str) for name, value in variables.items() if value.dtype.kind == "O"}
+    np.savez(stream, **variables | texts)
+    return stream.getvalue()
+
+
+def _state_space(result: Result) -> dict[str, NDArray[Any]]:
+    """Return the matrices and names of state equations; empty without any."""
+    if f"{_STATE_SPACE}/A" not in result:
+        return {}
+    A, B, C, D, feedthrough = (result[f"{_STATE_SPACE}/{name}"].data for name in (*"ABCD", "feedthrough"))
+    variables = {"A": A, "B": B, "C": C, "D": D}
+    if f"{_STATE_SPACE}/delay" in result:
+        delays = result[f"{_STATE_SPACE}/delay"].data
+        u, w = slice(B.shape[1] - len(delays)), slice(B.shape[1] - len(delays), None)
+        y, z = slice(len(C) - len(delays)), slice(len(C) - len(delays), None)
+        variables = {"A": A, "B1": B[:, u], "B2": B[:, w], "C1": C[y], "C2": C[z], "tau": delays}
+        variables |= {"D11": D[y, u], "D12": D[y, w], "D21": D[z, u], "D22": D[z, w]}
+    if len(feedthrough) > 1:
+        variables["feedthrough"] = feedthrough
+    for axis in ("state", "input", "output"):
+        variables[f"{axis}s"] = np.asarray(list(result[f"{_STATE_SPACE}/{axis}"].data), dtype=object)
+    return variables
+
+
+def _matlab_bytes(variables: dict[str, Any]) -> bytes:
+    from scipy.io import savemat
+
     stream = BytesIO()
     savemat(stream, variables, oned_as="column", long_field_names=True)  # type: ignore[arg-type]
     return _MATLAB_TEXT + stream.getvalue()[len(_MATLAB_TEXT) :]

@@ -315,7 +315,7 @@ _TRUE = tuple(
     f"bond_graph/{name}/"
     for name in (
         *("frequency_response", "frequency_peaks", "margins", "sensitivity_functions", "root_locus"),
-        *("time_response", "system", "operating_point", "need", "port/performance"),
+        *("time_response", "state_space", "system", "operating_point", "need", "port/performance"),
     )
 )
 #: Arrays and verdicts of channels that approximants do not change, or that are replaced by the true ones.

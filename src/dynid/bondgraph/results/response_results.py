@@ -38,14 +38,18 @@ _SHARED = (
 )
 
 
+_FRACTIONAL = "the last inputs are the last outputs, each by its delay before"
 _SHIFTED = (
     "an input's derivative enters the state equations: the states of the matrices are these variables less a "
     "multiple of the input, so that it does not"
 )
 
 
-def add_state_space(result: Result, reduced: ReducedGraph) -> None:
-    """Add the state equations; `feedthrough` holds D and, where improper, the matrices on u', u'', …."""
+def add_state_space(result: Result, reduced: ReducedGraph, delays: Sequence[Fraction] = ()) -> None:
+    """Add the state equations; `feedthrough` holds D and, where improper, the matrices on u', u'', ….
+
+    With delays it is a linear fractional form: the last inputs are the last outputs, each a delay before.
+    """
     from dynid.bondgraph.graph_state_space import state_space
     from dynid.bondgraph.state_equations import state_equations
 
@@ -61,6 +65,8 @@ def add_state_space(result: Result, reduced: ReducedGraph) -> None:
     result.add_axis(f"{group}/derivative", np.arange(len(feedthrough)))
     result.add(f"{group}/D", feedthrough[0], ("output", "input"))
     result.add(f"{group}/feedthrough", feedthrough, ("derivative", "output", "input"))
+    if delays:
+        result.add_axis(f"{group}/delay", [float(delay) for delay in delays], "s", note=_FRACTIONAL)
     result.add(f"{group}/equations", np.array(written.states, dtype=object), ("rate_of",))
     result.add(f"{group}/output_equations", np.array(written.outputs, dtype=object), ("output",))
     if written.definitions:

@@ -267,11 +267,10 @@ def _sensitivities(
     more = (
         f", the first {_COLUMNS} of {len(columns)} zeros, poles and gains" if len(columns) > _COLUMNS else ""
     )
-    about = approximate(result, f"{group}/poles")
     yield TextTable(
         ("", *(title for title, _ in columns[:_COLUMNS])),
         rows,
-        caption=f"changes if a parameter is larger by 1 %{about}{more}",
+        caption=f"changes if a parameter is larger by 1 %{more}",
         noun="parameter",
         brief=8,
         brief_columns=5,
@@ -291,12 +290,13 @@ def _sensitivity_columns(
     """
     columns = []
     unit = " rad/s" if in_hertz(result) else ""
-    for name in (POLE, "zero"):
+    late = bool(approximate(result, f"{group}/poles"))  # approximants have other roots, but the same T(0)
+    for name in () if late else (POLE, "zero"):
         moved = result[f"{group}/{name}_sensitivity_relative"].data
         for index, root in enumerate(result[f"{group}/{name}s"].data):
             if root.imag >= 0:
                 columns.append((f"{name} {root_text(root)}{unit}", moved[index]))
-    for title, name in (("T(0)", "dc_gain"), ("T(∞)", "high_frequency_gain")):
+    for title, name in (("T(0)", "dc_gain"), ("T(∞)", "high_frequency_gain"))[: 1 if late else 2]:
         columns.append((title, result[f"{group}/{name}_sensitivity_relative"].data))
     return [
         (title, moved)

@@ -100,8 +100,8 @@ LAYOUT: dict[str, str] = {
         "effort flow active_power reactive_power available_power zero_dynamics_response approximate"
     ),
     "bond_graph/state_space": (
-        "state rate_of input output derivative A B C D feedthrough equations output_equations definition "
-        "definitions note approximate"
+        "state rate_of input output derivative A B C D feedthrough delay equations output_equations "
+        "definition definitions note"
     ),
     "bond_graph/energy": (
         "storage resistor status mode poles repeated stored_share dissipated_share decay_rate "
