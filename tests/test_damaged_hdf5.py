@@ -16,8 +16,9 @@ import dynid.hdf5
 from dynid import trial
 from dynid.errors import FileError
 from dynid.files import matlab, untrusted
+from dynid.files.frequency_responses import ResponseLayout
 from dynid.files.read_matrix import MatrixFile, read_matrix
-from dynid.files.read_measured import read_columns
+from dynid.files.read_measured import read_columns, read_responses
 from dynid.files.table import DataFile
 from dynid.hdf5 import open_hdf5
 from dynid.result import Result
@@ -352,18 +353,18 @@ def test_what_else_is_in_a_matlab_file_is_passed_over(tmp_path):
     handles[0, :] = ["text", K]
     savemat(tmp_path / "m.mat", {"model": {"K": K, "cells": cells}, "mixed": handles, "c": "text"})
     assert [*matlab.MATRICES.shapes(tmp_path / "m.mat")] == ["model/K"]
-    assert matlab.names(tmp_path / "m.mat") == ["mixed"]
+    assert matlab.names(tmp_path / "m.mat") == ["model/K", "mixed"]
     with pytest.raises(FileError, match=r"'mixed\{1\}' is no matrix of real numbers"):
         read_columns(tmp_path / "m.mat", ["mixed"])
     with pytest.raises(FileError, match="'mixed' is no full matrix of numbers"):
         matlab.complex_columns(DataFile(tmp_path / "m.mat"), ["mixed"], "columns")
 
 
-def test_records_are_not_read_from_version_7_3(tmp_path):
+def test_responses_are_not_read_from_version_7_3(tmp_path):
     with h5py.File(tmp_path / "x.mat", "w", userblock_size=512) as file:
         file["y"] = K
     with pytest.raises(FileError, match=r"x\.mat is a MATLAB file of version 7\.3, .* with -v7\."):
-        read_columns(tmp_path / "x.mat", ["y"])
+        read_responses(tmp_path / "x.mat", ResponseLayout(["y"]), "")
 
 
 @pytest.mark.usefixtures("untried")

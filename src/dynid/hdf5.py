@@ -31,6 +31,7 @@ _MOST_BYTES = 64 * 2**20  # of values read on trial; of larger ones headers and 
 _survived: set[tuple[str, int, int]] = set()
 _MOST_GROWTH = 2000  # of stored bytes by decompression; deflate reaches 1032
 _USUAL_CHUNK = 64 * 2**20  # bytes of a chunk that are read whatever is stored
+_MAX_REFERENCES = 1000  # that are followed on trial
 _HOPS = 16  # most soft links on the path to an object
 
 
@@ -244,5 +245,9 @@ def _value(dataset: Any, budget: int) -> int:
         return 0
     with suppress(Exception):
         check_stored(dataset)
-        dataset[()]
+        values = dataset[()]
+        if dataset.dtype.kind == "O":
+            for reference in values.ravel()[:_MAX_REFERENCES]:  # of structure arrays
+                with suppress(Exception):
+                    _ = dataset.file[reference].shape
     return size

@@ -431,3 +431,113 @@ def test_a_joint_is_identified_as_from_the_csv(tmp_path, write, response, monkey
         estimates.append(result["identification/parameters/estimate"].data)
     np.testing.assert_allclose(estimates[1], estimates[0], rtol=1e-9)
     np.testing.assert_allclose(estimates[0], [1e4, 3.0], rtol=0.2)
+
+
+# --- HDF5 and MATLAB ---------------------------------------------------------------------------------
+
+
+def test_datasets_have_units_nested_paths_and_columns(tmp_path):
+    import h5py
+
+    path = tmp_path / "r.h5"
+    with h5py.File(path, "w") as file:
+        run = file.create_group("run 1/daq")
+        run["time"], run["acc"], run["both"] = 1e3 * T, ACC, np.column_stack([ACC, FORCE])
+        for name, key, unit in (
+            ("time", "units", "ms"),
+            ("acc", "unit", "g"),
+            ("both", "Units", np.bytes_("kN")),
+        ):
+            run[name].attrs[key] = unit
+        file["run 1/daq/kelvin"] = T
+        file["run 1/daq/kelvin"].attrs["unit"] = ["K"]
+    measured = read_measured.read_columns(path, ["run 1/daq/acc", "run 1/daq/both:2"], step=STEP)
+    np.testing.assert_array_equal(measured.values, np.column_stack([ACC, FORCE]))
+    assert [heading.unit for heading in measured.headings] == ["g", "kN"]
+    assert measured.clock.step == pytest.approx(STEP, rel=1e-12)
+    in_group = TableLayout(group="run 1/daq", time="time")
+    np.testing.assert_array_equal(read_columns(path, ["both:1"], step=STEP, layout=in_group)[:, 0], ACC)
+    np.testing.assert_array_equal(read_signal(path, "both:1", step=STEP, layout=in_group), ACC)
+    assert "has 2 columns in 'run 1/daq/both', no column 3" in refusal(path, ["run 1/daq/both:3"])
+    assert "has no dataset of numbers 'acc'; it has run 1/daq/acc, run 1/daq/both" in refusal(path, ["acc"])
+    wrong = TableLayout(group="run 1/daq", time="kelvin")
+    assert "has 'run 1/daq/kelvin' in K, which is no time" in refusal(path, ["acc"], step=STEP, layout=wrong)
+
+
+def write_matlab_7_3(path, contents):
+    """Write arrays as MATLAB 7.3 does: transposed; lists are the elements of a structure array."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in contents.items():
+            if isinstance(values, dict):
+                group = file.create_group(name)
+                group.attrs["MATLAB_class"] = np.bytes_("struct")
+                for field, elements in values.items():
+                    references = []
+                    for number, element in enumerate(elements):
+                        stored = file.create_dataset(
+                            f"#refs#/{name}{field}{number}", data=np.atleast_2d(element).T
+                        )
+                        stored.attrs["MATLAB_class"] = np.bytes_("double")
+                        references.append(stored.ref)
+                    group.create_dataset(field, data=np.array(references, dtype=h5py.ref_dtype)[:, None])
+            else:
+                stored = file.create_dataset(name, data=np.atleast_2d(values).T)
+                stored.attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file".ljust(512, b" "))
+    return path
+
+
+@pytest.fixture(params=["5", "7.3"])
+def matlab(request, tmp_path):
+    """A file with vectors, a matrix, and a structure array, of either version."""
+    from scipy.io import savemat
+
+    runs = {"acc": [ACC, 2 * ACC], "M": [np.eye(2), np.array([[2.0, 1], [0, 3]])]}
+    contents = {"t": T, "row": FORCE[None], "both": np.column_stack([ACC, FORCE])}
+    if request.param == "7.3":
+        return write_matlab_7_3(tmp_path / "r.mat", {**contents, "runs": runs})
+    array = np.zeros((1, 2), dtype=[("acc", object), ("M", object)])
+    for number in range(2):
+        array[0, number] = tuple(values[number] for values in runs.values())
+    savemat(tmp_path / "r.mat", {**contents, "runs": array})
+    return tmp_path / "r.mat"
+
+
+def test_matlab_files_of_both_versions_are_records(matlab):
+    timed = TableLayout(time="t")
+    measured = read_columns(matlab, ["both:1", "row"], step=STEP, layout=timed)
+    np.testing.assert_array_equal(measured, np.column_stack([ACC, FORCE]))
+    for name in ("runs(2)/acc", "runs(2).acc"):
+        np.testing.assert_array_equal(read_columns(matlab, [name], step=STEP, layout=timed)[:, 0], 2 * ACC)
+    np.testing.assert_array_equal(
+        read_columns(matlab, ["acc"], layout=TableLayout(group="runs(1)"))[:, 0], ACC
+    )
+    assert "'runs(3)/acc'; " in refusal(matlab, ["runs(3)/acc"])
+    assert "has 2 columns in 'both', no column 3" in refusal(matlab, ["both:3"])
+
+
+def test_matrices_are_fields_of_structure_arrays(matlab):
+    from dynid.files.read_matrix import MatrixFile, read_matrix
+
+    for name in ("runs(2)/M", "runs(2).M"):
+        matrix = read_matrix(MatrixFile(matlab, name), "mass").matrix
+        np.testing.assert_array_equal(matrix, [[2.0, 1], [0, 3]])
+    with pytest.raises(FileError, match=r"Name the field of one of its elements: NAME\(1\)/FIELD"):
+        read_matrix(MatrixFile(matlab, "runs/M"), "mass")
+
+
+def test_fields_of_structures_are_columns(tmp_path):
+    from scipy.io import savemat
+
+    tracks = {f"Track{k}": {"time": T, "data": k * ACC, "deep": {"x": FORCE}} for k in (1, 2)}
+    savemat(tmp_path / "r.mat", tracks)
+    measured = read_columns(
+        tmp_path / "r.mat",
+        ["Track1/data", "Track2.data", "Track2/deep/x"],
+        step=STEP,
+        layout=TableLayout(time="Track1/time"),
+    )
+    np.testing.assert_array_equal(measured, np.column_stack([ACC, 2 * ACC, FORCE]))

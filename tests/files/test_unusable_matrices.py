@@ -176,7 +176,7 @@ def test_what_stands_in_matlab_73_in_place_of_a_matrix_is_said(tmp_path):
         "K": "'K' is no matrix: it holds complex numbers. Save its real part",
         "k": "'K' is no matrix: it holds complex numbers",
         "S": "'S' is no matrix: it holds a cell array of 1 x 3 cells. Save the matrix",
-        "part/K": "'part/K' is no matrix: it holds a field of a 1 x 3 structure array. Save the matrix",
+        "part/K": "'part/K' is no matrix: it holds a field of a 1 x 3 structure array. Name the field of",
         "C": "'C' is no matrix: it holds an empty array",
         "note": "'note' is no matrix: it holds text",
         "X": "has no matrix 'X'; it has M (4 x 4), ",

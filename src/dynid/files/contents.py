@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -25,6 +26,8 @@ from dynid.units import unit_fits
 
 #: Rates that differ by less are one.
 _RATE_DIGITS = 9
+#: Rows of an array for each of its columns if these are channels, at least.
+_LEAST_ROWS = 4
 #: Columns that lines of a scene name.
 _MAX_NAMED = 12
 
@@ -163,7 +166,11 @@ def _recording(form: FileFormat, path: Path) -> _Listed:
     assert form.recording is not None
     recording: Recording = form.recording(DataFile(path))
     groups: dict[tuple[str, int, float | None, float | None], dict[str | int, str]] = {}
+    stems = Counter(channel.values.rpartition(":")[0] for channel in recording.channels)
     for channel in recording.channels:
+        columns_of, _, number = channel.values.rpartition(":")
+        if columns_of and number != "0" and _LEAST_ROWS * stems[columns_of] > channel.length:
+            continue  # of a matrix, which is listed as such
         if channel.what:
             yield FileEntry(channel.path, channel.what, str(channel.length))
             continue
@@ -182,7 +189,7 @@ def _recording(form: FileFormat, path: Path) -> _Listed:
             group[channel.name] = channel.heading[1]
     for (name, samples, step, _), columns in groups.items():
         if samples > 1:
-            keys = f", group: {_word(name)}" if len(recording.groups) > 1 else ""
+            keys = f", group: {_word(name)}" if name else ""
             yield from _scene_of_record(path, keys, columns, samples, step)
 
 

@@ -5,10 +5,11 @@ Sparse matrices are read as MATLAB, SciPy or AnnData store them.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,14 @@ from dynid.files.table import TIME, ColumnRequest, DataFile, DataTable, are_numb
 from dynid.files.untrusted import check_claim, read_errors
 from dynid.hdf5 import Refused, check_stored, inside, open_hdf5
 from dynid.structure.matrices import Matrix
-from dynid.suggestions import did_you_mean
+from dynid.suggestions import did_you_mean, shortened
+from dynid.units import si_factor, unit_fits
+
+if TYPE_CHECKING:
+    from dynid.files.recordings import Recording
 
 _MAX_NAMES = 1000
+_MAX_ELEMENTS = 1000  # of a structure array that is read
 
 
 def _hdf5_members(path: Path) -> dict[str, tuple[int, ...] | str]:
@@ -37,11 +43,39 @@ def _hdf5_members(path: Path) -> dict[str, tuple[int, ...] | str]:
                 members[name] = tuple(item.shape)
             elif what or (isinstance(item, h5py.Group) and _is_sparse(item)):
                 members[name] = what or _sparse_shape(item)
+            for number in range(1, 1 + _elements(item)):
+                above, _, field = name.rpartition("/")
+                element = _object(item.file, f"{above}({number})/{field}")
+                if isinstance(element, h5py.Dataset):
+                    members[f"{above}({number})/{field}"] = _contents(element) or tuple(element.shape)
         return True if len(members) > _MAX_NAMES else None
 
     with read_errors(path, "HDF5"), open_hdf5(path) as store:
         store.visititems(visit)
     return members
+
+
+def _elements(item: Any) -> int:
+    """Return the number of elements of the structure array whose field a dataset of references is, else 0."""
+    import h5py
+
+    if not isinstance(item, h5py.Dataset) or h5py.check_ref_dtype(item.dtype) is None:
+        return 0
+    above = item.parent.attrs.get("MATLAB_class", b"")
+    return int(item.size) if above == b"struct" and item.size <= _MAX_ELEMENTS else 0
+
+
+def _object(store: Any, name: str) -> Any:
+    """Return the object at a path, which may be a field of an element, ``part(2)/M``; None: there is none."""
+    item = inside(store, name)
+    match = re.fullmatch(r"(.+)\((\d+)\)[/.]([^/]+)", name) if item is None else None
+    if match is None:
+        return item
+    field, number = inside(store, f"{match[1]}/{match[3]}"), int(match[2])
+    if not 1 <= number <= _elements(field):
+        return None
+    check_stored(field)
+    return store[field[()].ravel()[number - 1]]  # in MATLAB's order, as its axes are turned
 
 
 _CLASSES = {"char": "text", "function_handle": "a function", "string": "text", "cell": "a cell array"}
@@ -105,7 +139,7 @@ def _load_hdf5(path: Path, name: str) -> Matrix:
     import h5py
 
     with read_errors(path, "HDF5"), open_hdf5(path) as store:
-        item = inside(store, name)
+        item = _object(store, name)
         if isinstance(item, h5py.Group) and _is_sparse(item):
             return _hdf5_sparse(path, item)
         if not isinstance(item, h5py.Dataset):
@@ -185,7 +219,7 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
     Where no dataset of times is named, it is `time` or `t` beside the first one.
     """
     columns, single, layout = request.columns, request.single, request.layout
-    layout.only(file, "time")
+    layout.only(file, "time", "group")
     time = layout.time
     if isinstance(time, int):
         file.refuse("has datasets, no numbered columns of times", "Give its name.", key="time")
@@ -193,7 +227,7 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
     with _opened(file) as store:
         named = columns is not None and not are_numbers(columns)
         if columns is not None and named:
-            names = [str(name) for name in columns]
+            names = [layout.inside(str(name)) for name in columns]
         elif single and columns is None:
             names = [name for name in _numeric(store) if name not in TIME]
             if len(names) != 1:
@@ -206,8 +240,9 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
         else:
             names = [next((name for name in _MEASURED if inside(store, name) is not None), _MEASURED[0])]
         key = "column" if single else "columns"
-        lengths = {len(_found(file, store, name, key, "iuf")) for name in names}
-        parts = [np.asarray(_numbers(file, store, name, key, rows=rows), dtype=float) for name in names]
+        datasets = [_found(file, store, name, key, "iuf") for name in names]
+        lengths = {dataset.shape[0] for dataset in datasets}
+        parts = [np.asarray(dataset.read(rows), dtype=float) for dataset in datasets]
         if (
             len(lengths) > 1
             or any(len(column) != len(parts[0]) for column in parts)
@@ -217,8 +252,12 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
         if single and (named or columns is None) and parts[0][:1].size > 1:
             file.refuse(f"has {parts[0].shape[1]} columns in '{names[0]}'", "Give a number.", key=key)
         values = np.column_stack(parts)
+        time = None if time is None else layout.inside(time)
         times = _times(file, store, names, lengths.pop(), time, rows)
-        return DataTable(file, [], values, None, *times, selected=named)
+        if not named:
+            return DataTable(file, [], values, None, *times)
+        units = [dataset.unit for dataset in datasets]
+        return DataTable(file, names, values, None, *times, timed=-1, units=units, selected=True)
 
 
 @contextmanager
@@ -236,7 +275,82 @@ def _opened(file: DataFile) -> Iterator[Any]:
 
 
 def _numeric(group: Any, kinds: str = "iuf") -> list[str]:
-    return [name for name in group if _is_table(_unless_elsewhere(group, name), kinds)]
+    """Return the datasets of numbers beside others, or where there are none those of all groups."""
+    return [name for name in group if _is_table(_unless_elsewhere(group, name), kinds)] or [
+        name for name, dataset in _datasets(group) if _is_table(dataset, kinds)
+    ]
+
+
+def _datasets(store: Any) -> list[tuple[str, Any]]:
+    """Return the datasets of all groups by their paths, up to a number of them."""
+    import h5py
+
+    datasets: list[tuple[str, Any]] = []
+
+    def visit(name: str, item: Any) -> bool | None:
+        if isinstance(item, h5py.Dataset) and "#" not in name:
+            datasets.append((name, item))
+        return True if len(datasets) > _MAX_NAMES else None
+
+    store.visititems(visit)
+    return datasets
+
+
+class _Table:
+    """A dataset of one or two axes, or one column of it; MATLAB's have their axes turned."""
+
+    def __init__(self, dataset: Any, column: int | None = None) -> None:
+        self.dataset, self.column = dataset, column
+        shape = tuple(dataset.shape)
+        self._turned = "MATLAB_class" in dataset.attrs and len(shape) == 2
+        self.shape = shape[::-1] if self._turned else shape
+        if self._turned and min(self.shape) == 1:
+            self.shape = (max(self.shape),)
+        if column is not None:
+            self.shape = self.shape[:1]
+
+    @property
+    def unit(self) -> str:
+        """The unit in its attribute `unit` or `units`; empty without one."""
+        return _unit_of(self.dataset)
+
+    def read(self, rows: int | None = None) -> NDArray[Any]:
+        """Return its first rows; default: all."""
+        check_stored(self.dataset)
+        values = self.dataset[:, :rows].T if self._turned else self.dataset[:rows]
+        if self.column is not None:
+            values = values[:, self.column - 1]
+        return np.asarray(values.reshape(-1)[:rows] if len(self.shape) == 1 else values)
+
+
+def _unit_of(dataset: Any) -> str:
+    for key in ("unit", "units", "Unit", "Units"):
+        stated = dataset.attrs.get(key)
+        if isinstance(stated, np.ndarray) and stated.size == 1:
+            stated = stated.reshape(-1)[0]
+        if isinstance(stated, bytes | str):
+            return stated.decode(errors="replace").strip() if isinstance(stated, bytes) else stated.strip()
+    return ""
+
+
+def recording(file: DataFile) -> Recording:
+    """Return the datasets of a file, and the columns of those with two axes, as channels."""
+    from dynid.files.recordings import Recording, array_channels
+
+    channels = []
+    with _opened(file) as store:
+        for path, dataset in _datasets(store):
+            group, _, name = path.rpartition("/")
+            if not _contents(dataset) or _is_table(dataset, "iuf"):
+                table = _Table(dataset)
+                channels += array_channels(name, path, table.shape, dataset.dtype, table.unit, group)
+
+    def array(key: str) -> Any:
+        path, column = key.rsplit(":", 1)
+        with _opened(file) as store:
+            return _Table(inside(store, path), int(column) or None).read().reshape(-1)
+
+    return Recording(file, tuple(channels), array)
 
 
 def _unless_elsewhere(group: Any, name: str) -> Any:
@@ -262,10 +376,15 @@ def _times(
     folder = names[0].rpartition("/")[0]
     for name in [f"{folder}/{standard}".lstrip("/") for standard in TIME] if time is None else [time]:
         dataset = _unless_elsewhere(store, name)
-        if _is_table(dataset, "iuf") and dataset.shape == (length,):
-            check_stored(dataset)
-            stored = dataset[:rows]
-            times = np.asarray(stored, dtype=float)
+        if time is not None or _is_table(dataset, "iuf"):
+            table = _found(file, store, name, "time", "iuf")
+            if table.shape != (length,):
+                continue
+            stored = table.read(rows)
+            if table.unit and not unit_fits(table.unit, ["s"]):
+                file.refuse(f"has '{name}' in {table.unit}, which is no time", key="time")
+            factor = si_factor(table.unit, ["s"]) if table.unit else 1.0
+            times = factor * np.asarray(stored, dtype=float)
             coarse = float(np.finfo(stored.dtype).eps) if stored.dtype.kind == "f" else 0.0
             return times, np.abs(np.nan_to_num(times, posinf=0, neginf=0)) * coarse
     return None, None
@@ -300,16 +419,19 @@ def _numbers(
     file: DataFile, store: Any, name: str, key: str, kinds: str = "iuf", rows: int | None = None
 ) -> NDArray[Any]:
     """Return the first rows of a dataset of one or two axes, of these NumPy kinds; default: all."""
-    dataset = _found(file, store, name, key, kinds)
-    check_stored(dataset)
-    return np.asarray(dataset[:rows])
+    return _found(file, store, name, key, kinds).read(rows)
 
 
-def _found(file: DataFile, store: Any, name: str, key: str, kinds: str) -> Any:
-    """Return a dataset of one or two axes, of numbers of these NumPy kinds, unread."""
-    dataset = inside(store, name)
+def _found(file: DataFile, store: Any, name: str, key: str, kinds: str) -> _Table:
+    """Return a dataset of one or two axes, or a column of it (``NAME:NUMBER``), of these NumPy kinds."""
+    dataset, stem, number = _object(store, name), *name.rpartition(":")[::2]
+    if dataset is None and number.isdecimal() and _is_table(matrix := _object(store, stem), kinds):
+        columns = _Table(matrix).shape[1:] or (1,)
+        if not 1 <= int(number) <= columns[0]:
+            file.refuse(f"has {columns[0]} columns in '{stem}', no column {number}", key=key)
+        return _Table(matrix, int(number))
     if not _is_table(dataset, kinds):
         datasets = _numeric(store, kinds)
-        hint = did_you_mean(name, datasets) or (f"; it has {', '.join(datasets)}" if datasets else "")
+        hint = did_you_mean(name, datasets) or (f"; it has {shortened(datasets, 20)}" if datasets else "")
         file.refuse(f"has no dataset of numbers '{name}'{hint}", key=key)
-    return dataset
+    return _Table(dataset)

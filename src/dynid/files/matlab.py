@@ -2,7 +2,8 @@
 
 SciPy's reader ends the process at some damaged files, at others only sometimes. It runs in a separate
 process, which copies what is numbers into a NumPy archive; this process reads nothing but the archive.
-Fields of a structure are variables ``structure/field``. Version 7.3 is HDF5.
+Fields of a structure are variables ``structure/field``, of a structure array ``structure(2)/field``.
+Version 7.3 is HDF5.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +25,16 @@ from dynid.files.untrusted import MOST_NUMBERS, DiedError, archived, check_claim
 from dynid.structure.matrices import Matrix, is_sparse
 from dynid.suggestions import did_you_mean
 
+if TYPE_CHECKING:
+    from dynid.files.recordings import Recording
+
 _WHAT = "a MATLAB file"
 _REMEDY = "Save it again, with -v7."
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 #: Classes of variables that hold no numbers, and are not read.
 _PASSED_OVER = {"char", "function", "object", "opaque", "unknown"}
 _DEEPEST = 4  # how deep structures within structures are read
+_MAX_ELEMENTS = 1000  # of a structure array that is read
 _MAX_DECOMPRESSION_RATIO = 1032  # of stored bytes by decompression, at most
 #: Memory of the separate process, bytes: of itself, and at most.
 _LEAST_MEMORY, _MOST_MEMORY = 2**31, 24 * MOST_NUMBERS
@@ -73,9 +78,27 @@ def _members(path: Path) -> dict[str, tuple[int, ...] | str]:
 
 
 def names(path: Path) -> list[str]:
-    """Return the names of the full numeric variables and the cell arrays of a file."""
-    variables = _variables(path).items()
-    return [name for name, variable in variables if variable.kind in ("full", "cell") and "/" not in name]
+    """Return the names of the full numeric variables, those of fields included, and the cell arrays."""
+    return [name for name, variable in _variables(path).items() if variable.kind in ("full", "cell")]
+
+
+def recording(file: DataFile) -> Recording:
+    """Return the vectors of a file, and the columns of its matrices, as channels; structures are groups."""
+    from dynid.files.recordings import Recording, array_channels
+
+    channels = []
+    for name, variable in _variables(file.path).items():
+        group, _, field = name.rpartition("/")
+        if variable.kind == "full" and 0 not in variable.shape:
+            real = np.dtype(float)  # complex ones are refused when they are read
+            channels += array_channels(field, name, variable.shape, real, group=group)
+
+    def array(key: str) -> Any:
+        name, column = key.rsplit(":", 1)
+        values = _values(file.path, _variables(file.path)[name].arrays)[0]
+        return values.reshape(-1) if column == "0" else values[:, int(column) - 1]
+
+    return Recording(file, tuple(channels), array)
 
 
 def _load(path: Path, name: str) -> Matrix:
@@ -116,7 +139,8 @@ def _archive(path: Path) -> Path:
             version_7_3 = is_hdf5(stream.read(1024))
         if version_7_3:
             raise FileError(
-                f"{path} is a MATLAB file of version 7.3, of which only matrices are read", remedy=_REMEDY
+                f"{path} is a MATLAB file of version 7.3, of which only matrices and records are read",
+                remedy=_REMEDY,
             )
         seconds = trial.SECONDS + facts.st_size / _MATLAB_BYTES_A_SECOND
         memory = min(_LEAST_MEMORY + 2 * _MAX_DECOMPRESSION_RATIO * facts.st_size, _MOST_MEMORY)
@@ -183,11 +207,16 @@ def _add(
     elif isinstance(value, MatlabFunction | MatlabObject | MatlabOpaque) or not isinstance(value, np.ndarray):
         return
     elif value.dtype.names:
-        if value.shape != (1, 1):
+        alone = value.shape == (1, 1)
+        if not alone:
             index[name] = _MatlabVariable("struct", value.shape, [])
-        elif depth < _DEEPEST:
+        elements = value.ravel(order="F")
+        if depth >= _DEEPEST or len(elements) > _MAX_ELEMENTS:
+            return
+        for number, element in enumerate(elements, 1):
             for field in value.dtype.names:
-                _add(f"{name}/{field}", value[field][0, 0], depth + 1, index, members)
+                where = f"{name}/{field}" if alone else f"{name}({number})/{field}"
+                _add(where, element[field], depth + 1, index, members)
     elif value.dtype.kind == "O":
         if not depth:
             contents = value.ravel(order="F")
@@ -204,19 +233,21 @@ def _is_numeric(value: Any) -> bool:
 def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
     """Return named vectors as one table, or the columns of one variable.
 
-    Of a cell array a row is a table, its cells the columns.
+    Of a cell array a row is a table, its cells the columns. Columns of a matrix are named ``NAME:NUMBER``.
     """
     columns, layout = request.columns, request.layout
     named = columns is not None and not are_numbers(columns)
     if columns is not None and named:
-        layout.only(file, "time")
+        layout.only(file, "time", "group")
         columns_read = [str(name) for name in columns]
-        parts = [_vector(file, name, _cells(file, name, "columns", None)[0]) for name in columns_read]
+        parts = [_column(file, layout.inside(name), "columns") for name in columns_read]
         if isinstance(layout.time, str):
             columns_read.append(layout.time)
-            parts.append(_vector(file, layout.time, _cells(file, layout.time, "time", None)[0]))
+            parts.append(_column(file, layout.inside(layout.time), "time"))
     else:
-        variables = names(file.path) if layout.variable is None else [layout.variable]
+        layout.only(file, "variable", "row", "time")
+        top = [name for name in names(file.path) if "/" not in name]
+        variables = top or names(file.path) if layout.variable is None else [layout.variable]
         if len(variables) != 1:
             listed = f": {', '.join(variables[:20])}" if variables else ""
             file.refuse(f"has {len(variables) or 'no'} variables{listed}", "Name it: variable: NAME.")
@@ -252,8 +283,9 @@ def complex_columns(file: DataFile, candidates: Sequence[str], key: str) -> NDAr
 
 
 def _existing(file: DataFile, candidates: Sequence[str], key: str) -> str:
-    """Return the first of these names that a variable has."""
+    """Return the first of these names that a variable has; that of a field may have dots."""
     variables = names(file.path)
+    candidates = [name if name in variables else name.replace(".", "/") for name in candidates]
     name = next((name for name in candidates if name in variables), candidates[0])
     if name not in variables:
         hint = did_you_mean(name, variables) or (f"; it has {', '.join(variables[:20])}" if variables else "")
@@ -295,7 +327,21 @@ def _cells(file: DataFile, name: str, key: str, row: int | None) -> list[Array]:
     return contents[(row or 1) - 1 :: shape[0]]
 
 
+def _column(file: DataFile, name: str, key: str) -> Array:
+    """Return a vector, or a column of a matrix."""
+    stem, colon, number = name.rpartition(":")
+    if not colon or not number.isdecimal() or name in names(file.path):
+        return _vector(file, name, _cells(file, name, key, None)[0])
+    values = _cells(file, stem, key, None)[0]
+    if not 1 <= int(number) <= values.shape[1]:
+        file.refuse(f"has {values.shape[1]} columns in '{stem}', no column {number}", key=key)
+    return np.asarray(values[:, int(number) - 1])
+
+
 def _vector(file: DataFile, name: str, values: Array) -> Array:
     if values.size != max(values.shape):
-        file.refuse(f"has {values.shape[0]} x {values.shape[1]} numbers in '{name}', not a column of them")
+        remedy = f"Name one of its columns: {name}:1."
+        file.refuse(
+            f"has {values.shape[0]} x {values.shape[1]} numbers in '{name}', not a column of them", remedy
+        )
     return np.asarray(values.ravel())

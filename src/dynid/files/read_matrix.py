@@ -141,7 +141,7 @@ def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequen
 #: What to do with what is no matrix of real numbers.
 _AS_REAL = {
     COMPLEX: USE_REAL_PART,
-    "structure": "Save the matrix of one of its elements as a variable.",
+    "structure": "Name the field of one of its elements: NAME(1)/FIELD.",
     "empty": "Save it with its numbers, or leave 'damping' out where there is none.",
     "cell": "Save the matrix in one of its cells as a variable.",
 }
@@ -149,6 +149,7 @@ _AS_REAL = {
 
 def _named(path: Path, name: str, shapes: Mapping[str, Sequence[int]]) -> str:
     """Return a name as the file spells it; the case of letters decides only between several."""
+    name = name if name in shapes else name.replace(").", ")/")  # as MATLAB writes the field of an element
     alike = [spelled for spelled in shapes if spelled.lower() == name.lower()]
     if name in shapes or len(alike) == 1:
         return name if name in shapes else alike[0]

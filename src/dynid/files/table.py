@@ -77,6 +77,10 @@ class TableLayout:
     group: str | None = None
     sheet: str | None = None
 
+    def inside(self, name: str) -> str:
+        """Return the name of what stands in the group, if there is one, with the group."""
+        return name if self.group is None else f"{self.group}/{name}"
+
     def only(self, file: DataFile, *keys: str) -> None:
         """Refuse the keys of other formats, all but the given ones."""
         for key in ("variable", "row", "time", "group", "sheet"):
