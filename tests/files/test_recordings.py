@@ -264,6 +264,13 @@ def test_channels_of_other_clocks_are_refused(tmp_path, other):
     assert "A record takes channels of one clock: name those (columns: […]), or resample them" in said
 
 
+def test_units_that_are_not_known_are_to_be_stated(tmp_path):
+    write_tdms(tmp_path / "r.tdms", {"G": {"a": (ACC, waveform("Volts")), "b": (ACC, waveform("EU"))}})
+    volts, engineering = read_measured.read_columns(tmp_path / "r.tdms", None, step=STEP).headings
+    assert volts == ("a", "volts", "")
+    assert engineering == ("b", "", "the file states 'EU', which is no known unit")
+
+
 def test_starts_in_absolute_time_count(tmp_path):
     began = datetime.datetime(2024, 5, 3, 10, 0, 0)
     later = began + datetime.timedelta(milliseconds=1)

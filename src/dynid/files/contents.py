@@ -344,18 +344,23 @@ def _functions(form: FileFormat, path: Path) -> _Listed:
         yield f"measurement: {{frf: {{file: {{path: {_word(path.name)}}}}}, channels: all}}"
     elif 0 in kinds or 1 in kinds:
         yield f"measurement: {{file: {{path: {_word(path.name)}}}, channels: all}}"
-    assert form.modes is not None
-    if 55 in source.kinds or 2414 in source.kinds:
-        modes = form.modes(DataFile(path), {})
-        size = f"{len(modes.frequency)} at {len(modes.dofs)} DOFs"
-        yield FileEntry("modes", "modes", size, note=_band(modes.frequency / (2 * np.pi)))
-        yield f"measurement: {{modes: {{file: {_word(path.name)}}}}}"
     if {15, 2411} & {*source.kinds}:
         yield from _nodes(form, path)
+    if {55, 2414} & {*source.kinds}:
+        yield from _modes(form, path)
 
 
-def _band(frequency: np.ndarray) -> str:
-    return f"{frequency.min():.6g} to {frequency.max():.6g} Hz" if len(frequency) else ""
+def _modes(form: FileFormat, path: Path) -> _Listed:
+    assert form.modes is not None
+    try:
+        modes = form.modes(DataFile(path), {})
+    except FileError as error:
+        yield FileEntry("results", "not read", note=error.problem.removeprefix(f"{path} "))
+        return
+    hertz = modes.frequency / (2 * np.pi)
+    band = f"{hertz.min():.6g} to {hertz.max():.6g} Hz" if len(hertz) else ""
+    yield FileEntry("modes", "modes", f"{len(hertz)} at {len(modes.dofs)} DOFs", note=band)
+    yield f"measurement: {{modes: {{file: {_word(path.name)}}}}}"
 
 
 _OF_CONTENTS: dict[str, _Lister] = {

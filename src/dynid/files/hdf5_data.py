@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import DynidError, FileError
 from dynid.files.matrix_data import COMPLEX, Container, compressed, numeric_matrix
-from dynid.files.table import TIME, ColumnRequest, DataFile, DataTable, are_numbers
+from dynid.files.table import TIME, ColumnRequest, DataFile, DataTable, are_numbers, unit_and_doubt
 from dynid.files.untrusted import check_claim, read_errors
 from dynid.hdf5 import Refused, check_stored, inside, open_hdf5
 from dynid.structure.matrices import Matrix
@@ -256,8 +257,11 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
         times = _times(file, store, names, lengths.pop(), time, rows)
         if not named:
             return DataTable(file, [], values, None, *times)
-        units = [dataset.unit for dataset in datasets]
-        return DataTable(file, names, values, None, *times, timed=-1, units=units, selected=True)
+        if len(datasets) < values.shape[1]:  # all columns of one
+            names, datasets = names * values.shape[1], datasets * values.shape[1]
+        units, doubts = zip(*(unit_and_doubt(dataset.unit) for dataset in datasets), strict=True)
+        table = DataTable(file, names, values, None, *times, timed=-1, units=units, selected=True)
+        return replace(table, doubts=doubts)
 
 
 @contextmanager

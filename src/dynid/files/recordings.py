@@ -7,12 +7,12 @@ others are refused, as a record has one time axis.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from dynid.files.table import ColumnRequest, DataFile, DataTable, time_column
+from dynid.files.table import ColumnRequest, DataFile, DataTable, time_column, unit_and_doubt
 from dynid.suggestions import did_you_mean, shortened
 from dynid.units import split_heading
 
@@ -183,7 +183,10 @@ def table_of(recording: Recording, request: ColumnRequest) -> DataTable:
         file.refuse(f"has channels of different lengths: {listed}{timed}", _ONE_CLOCK_REMEDY, key="columns")
     parts = [np.asarray(recording.array(channel.values), dtype=float) for channel in chosen]
     headings = [channel.heading for channel in chosen]
-    names, units = [name for name, _ in headings], [unit for _, unit in headings]
+    names = [name for name, _ in headings]
+    units, doubts = (
+        [*column] for column in zip(*(unit_and_doubt(unit) for _, unit in headings), strict=True)
+    )
     selected = columns is not None
     if clock is not None:
         stored = recording.array(clock.values)
@@ -191,23 +194,21 @@ def table_of(recording: Recording, request: ColumnRequest) -> DataTable:
         times = np.asarray(stored, dtype=float)
         name, unit = clock.heading
         table = DataTable(
-            file, [*names, name], np.column_stack([*parts, times]), units=[*units, unit], selected=selected
+            file,
+            [*names, name],
+            np.column_stack([*parts, times]),
+            units=[*units, unit],
+            doubts=[*doubts, ""],
+            selected=selected,
         )
         return table.timed_by(len(parts), np.abs(np.nan_to_num(times)) * precision)
-    table = DataTable(file, names, np.column_stack(parts), units=units, timed=-1, selected=selected)
+    table = DataTable(
+        file, names, np.column_stack(parts), units=units, doubts=doubts, timed=-1, selected=selected
+    )
     if not (chosen[0].times or chosen[0].step):
         return table
     times = recording.times(chosen[0])
-    return DataTable(
-        file,
-        names,
-        table.values,
-        times=times,
-        resolution=np.abs(times) * float(np.finfo(float).eps),
-        units=units,
-        timed=-1,
-        selected=selected,
-    )
+    return replace(table, times=times, resolution=np.abs(times) * float(np.finfo(float).eps))
 
 
 def _all_of(

@@ -14,7 +14,7 @@ from dynid.errors import FileError
 from dynid.file_access import check_readable
 from dynid.files.stamps import Clock, StepDisagreement, clock_of, printed_resolution
 from dynid.suggestions import did_you_mean, shortened
-from dynid.units import si_factor, split_heading, unit_fits
+from dynid.units import UnknownUnitError, readings, si_factor, split_heading, unit_fits
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,6 +29,7 @@ _TIMES = (
 )
 
 
+_LONGEST_SYMBOL = 3  # of a unit, whose capitals count: of Volts they do not
 # Resampling: the widest gap that is bridged, in steps, and the most that the step may change.
 _WIDEST, _RATIO = 4, 1.1
 
@@ -292,6 +293,17 @@ class DataTable:
             row = int(np.argmax(np.isnan(values).any(axis=1)))
             self.refuse_row(row, "a sample is missing", "Resampling needs every sample; drop the row.")
         return np.asarray(CubicSpline(times, values)(np.minimum(even, times[-1])))
+
+
+def unit_and_doubt(stated: str) -> tuple[str, str]:
+    """Return the unit that a file states of a channel, and why it is in doubt; words may have capitals."""
+    for text in (stated, stated.lower() if len(stated) > _LONGEST_SYMBOL else stated):
+        try:
+            readings(text)
+        except UnknownUnitError:
+            continue
+        return text, ""
+    return "", f"the file states '{stated}', which is no known unit" if stated else ""
 
 
 def time_column(names: Sequence[str]) -> int | None:
