@@ -90,6 +90,12 @@ ENGINES = tuple(name for name in get_args(Engine) if name != "auto")
 SAMPLED: frozenset[ResultName] = frozenset(
     {"properties", "step_info", "frequency_response", "time_response", "causality"}
 )
+#: Most lines of a graph: the terms of its characteristic function double with each.
+MAX_LINES = 8
+#: Results of graphs with lines (TL).
+WITH_LINES: frozenset[ResultName] = frozenset(
+    {"transfer_function", "zeros", "poles", "properties", "step_info", "frequency_response", "time_response"}
+)
 #: Results that the symbolic engine has no numbers for.
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
 

@@ -57,6 +57,7 @@ class Loop:
     setpoint: str = ""
     #: Of a sampled controller; None: it is continuous.
     sampling: Sampling | None = None
+    line: str = ""  # the line that it is a direction of; empty: it is a feedback
 
     @property
     def delayed(self) -> bool:

@@ -22,7 +22,7 @@ from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import coded
 from dynid.arithmetic.numbers import rounded as rounded_number
 from dynid.bondgraph.controller_circuits import Loop, pade
-from dynid.bondgraph.graph import BondGraph
+from dynid.bondgraph.graph import TWO_PORTS, VALUED, BondGraph
 from dynid.bondgraph.reduced_graph import (
     ReducedGraph,
     characteristic_polynomials,
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 _RATIO_DENOMINATOR, _RATIO_ROUNDING = 1000, Fraction(1, 2**300)
 #: Rows up to which a determinant is expanded: 3! products cost less than 5 exact divisions.
 _EXPANDED_ROWS = 3
+#: Delays up to which all minors are formed: 2^4 of them cost less than polynomials in the delays.
+_MAX_MINORS = 4
 
 
 def _polynomial_over(field: RealField | None, coefficients: list[Any]) -> Any:
@@ -72,6 +74,7 @@ class CutLoops:
         channels = reduced.channels()
         ratios = reduced.rational(channels.values())
         plant = {channel: ratios[register].lowest_terms() for channel, register in channels.items()}
+        self._ratios = plant
         common = _polynomial_over(opened.field, [1])
         for _, below in plant.values():
             common = common * (below // common.gcd(below))
@@ -105,6 +108,8 @@ class CutLoops:
         return self._functions[key]
 
     def _function(self, kept: Sequence[int]) -> QuasiPolynomial:
+        if sum(map(bool, self._delays)) > _MAX_MINORS and self.reduced.field is None:
+            return self._determinant_in_delays(frozenset(kept))
         late = [loop for loop in kept if self._delays[loop]]
         prompt = [loop for loop in kept if not self._delays[loop]]
         minors = {
@@ -124,6 +129,58 @@ class CutLoops:
                 0 * self._common,
             )
         return QuasiPolynomial(products)
+
+    def _determinant_in_delays(self, kept: frozenset[int]) -> QuasiPolynomial:
+        """Return the characteristic function as one determinant over s and a variable for each delay.
+
+        Every row has a denominator of its own, whatever is kept: that of all has a degree without need.
+        """
+        from flint import Ordering, fmpz_mpoly_ctx, fmpz_poly
+
+        late = [loop for loop, delay in enumerate(self._delays) if delay]
+        names = ["s", *(f"q{loop}" for loop in late)]
+        ring = fmpz_mpoly_ctx.get(names, Ordering.lex)
+        variables = dict(zip(late, ring.gens()[1:], strict=True))
+        unity, padding = ring.constant(1), (0,) * len(late)
+
+        def lifted(polynomial: Any) -> Any:
+            return ring.from_dict({(k, *padding): int(c) for k, c in enumerate(polynomial.coeffs()) if c})
+
+        first = [parts[0][0] for _, parts in self._groups]
+        matrix = []
+        for i, (denominator, parts) in enumerate(self._groups):
+            entries = {
+                (loop, k): self._ratio(*((loop, k) if self._by_source else (k, loop)))
+                for loop, _ in parts
+                for k in first
+            }
+            common = fmpz_poly([1])
+            for _, below in entries.values():
+                common *= below // common.gcd(below)
+            row = []
+            for j, k in enumerate(first):
+                entry = lifted(common * denominator) if i == j else 0 * unity
+                for loop, above in parts:
+                    top, below = entries[loop, k]
+                    if loop in kept and top != 0:
+                        entry += lifted(top * (common // below) * above) * variables.get(loop, unity)
+                row.append(entry)
+            matrix.append(row)
+        products: dict[frozenset[Delay], dict[int, int]] = {}
+        for (power, *exponents), coefficient in _determinant(matrix, unity).to_dict().items():
+            loops = (loop for loop, exponent in zip(late, exponents, strict=True) if exponent)
+            key = frozenset(Delay(self._delays[loop], loop) for loop in loops)
+            products.setdefault(key, {})[power] = int(coefficient)
+        return QuasiPolynomial(
+            {
+                key: fmpz_poly([powers.get(k, 0) for k in range(max(powers) + 1)])
+                for key, powers in products.items()
+            }
+        )
+
+    def _ratio(self, measured: int, driven: int) -> tuple[Any, Any]:
+        """Return what the source of a loop does to what a loop measures: numerator and denominator."""
+        return self._ratios[self.loops[measured].measured, self.loops[driven].source]
 
     def loop(self, number: int) -> tuple[QuasiPolynomial, QuasiPolynomial]:
         """Return L of one loop, the others closed: numerator and denominator without a common factor.
@@ -206,7 +263,38 @@ class CutLoops:
         """The verdict on the roots that the loops show."""
         if self.closed.is_rational:
             return verdict(certified_roots(self.closed.terms[Fraction(0)]))
-        return stability(rounded([self.closed])[0], self.work)
+        decided = stability(self.paired(rounded([self.closed])[0]), self.work)
+        if decided.kind in ("undecided", "at the limit") and self._passive:
+            near = "" if decided.kind == "undecided" else ", but come as near to the axis as one likes"
+            reason = f"the system is passive: no poles lie in the right half-plane{near}"
+            return Verdict(decided.kind, reason, 0)
+        return decided
+
+    @property
+    def _passive(self) -> bool:
+        """Test whether the graph is of passive elements and lines alone, which make no energy."""
+        lines = {loop.line for loop in self.loops}
+        elements = (node for node in self.reduced.graph.nodes.values() if node.type in VALUED)
+        return all(lines) and all(
+            node.type in TWO_PORTS or (node.value is not None and node.value > 0)
+            for node in elements
+            if node.part not in lines
+        )
+
+    def paired(self, function: QuasiPolynomial) -> QuasiPolynomial:
+        """Return a function with one delay for both directions of a line, where they only come together."""
+        directions: dict[str, list[Delay]] = {}
+        for loop, delay in sorted({(d.loop, d) for key in function.products for d in key}):
+            if self.loops[loop].line:
+                directions.setdefault(self.loops[loop].line, []).append(delay)
+        for there, *back in directions.values():
+            pair = {there, *back}
+            if back and all(len(pair & key) != 1 for key in function.products):
+                both = Delay(2 * there.seconds, there.loop)
+                function = QuasiPolynomial(
+                    {(key - pair) | {both} if pair <= key else key: p for key, p in function.products.items()}
+                )
+        return function
 
     def verdict(self) -> Verdict:
         """Return the verdict on loops, controllers and every separate part of the graph."""
@@ -349,7 +437,8 @@ def _determinant(matrix: list[list[Any]], unity: Any) -> Any:
         return _expanded(matrix, unity)
     rows, sign, before = [list(row) for row in matrix], 1, unity
     for k in range(len(rows)):
-        pivot = next((i for i in range(k, len(rows)) if rows[i][k] != 0), None)
+        below = [i for i in range(k, len(rows)) if rows[i][k] != 0]
+        pivot = min(below, key=lambda i: len(rows[i][k].coeffs()), default=None)  # the smallest
         if pivot is None:
             return 0 * unity
         if pivot != k:

@@ -35,6 +35,8 @@ Quantity = Literal["e", "f", "q", "p"]
 #: An activated bond with a gain, between two junctions: the common variable of the one before it, times its
 #: value, enters the balance of the one behind it. It takes no power; feedback is made of it.
 ACTIVATED: Literal["A"] = "A"
+#: A line, which is expanded (`transmission_line.py`): scenes have it, graphs do not.
+LINE = "TL"
 #: The types of nodes that are drawn.
 NODE_TYPES: tuple[NodeType, ...] = tuple(kind for kind in get_args(NodeType) if kind != ACTIVATED)
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
@@ -360,7 +362,7 @@ def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[_Graph
             message = "has no bond; connect it or drop it"
         elif kind in ONE_PORTS and count > 1:
             message = f"has {count} bonds but only one port; put a junction between"
-        elif kind in TWO_PORTS | {ACTIVATED} and (inward, outward) != (1, 1):
+        elif kind in TWO_PORTS | {ACTIVATED, LINE} and (inward, outward) != (1, 1):
             message = f"needs one bond in and one bond out; it has {inward} in and {outward} out"
         else:
             continue
@@ -372,7 +374,7 @@ def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[_Graph
 def port_fault(types: Mapping[str, str], port: Port) -> str:
     """Return the reason why a variable cannot be an output, or an empty text."""
     kind = types[port.node]
-    if kind in TWO_PORTS:
+    if kind in TWO_PORTS | {LINE}:
         return f"'{port}': {kind} '{port.node}' has two ports; name the junction or element beside it"
     common = {"0": ("e", "p"), "1": ("f", "q")}.get(kind)
     if common and port.quantity not in common:

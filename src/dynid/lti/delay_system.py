@@ -492,7 +492,7 @@ class Propagation:
         drive = np.kron(directions * length, (-1.0) ** np.arange(terms) / scale)
         joint = joint_generator(self._A * length, drive, np.kron(np.eye(directions.shape[1]), rate))
         states = np.zeros((terms, n, n + count * terms))
-        for k, node in enumerate(self._nodes.tolist()):
+        for k, node in enumerate(self._nodes.tolist() if n else ()):
             E = exponential(joint, node)[:n]
             forced = E[:, n:].reshape(n, directions.shape[1], terms) * scale
             if directions is not self._B:

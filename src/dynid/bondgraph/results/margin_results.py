@@ -57,17 +57,21 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
 
     `omega`: frequencies of the sensitivity functions, rad/s; default: around the crossings.
     """
-    names = [f"{loop.measured} -> {loop.source}" for loop in cut.loops]
-    functions = [cut.loop(index) for index in range(len(names))]
+    feedback = [number for number, loop in enumerate(cut.loops) if not loop.line]
+    names = [f"{cut.loops[number].measured} -> {cut.loops[number].source}" for number in feedback]
+    functions = [cut.loop(number) for number in feedback]
     system = cut.verdict()
     loop_margins = _within_limit(functions, cut, system)
     functions = [(above, below) for above, below in map(rounded, functions)]
-    add_loop_margins(result, names, loop_margins)
+    if names:
+        add_loop_margins(result, names, loop_margins)
     add_system(result, system)
     (closed,) = rounded([cut.closed])
     work = Work(_ROOT_WORK, EVALUATIONS)
     if not closed.is_rational:
         _add_roots(result, closed, system.unstable_poles, work)
+    if not names:
+        return
     omega = frequencies_near(functions, loop_margins, work) if omega is None else omega
     add_functions(result, names, functions, omega, omega)
     poles = 0
@@ -142,7 +146,7 @@ def _margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops) -> M
     above, below = rounded([above, below])
     closed = above + below
     alike = closed.products == rounded([cut.closed])[0].products
-    verdict = cut.shown if alike else stability(closed, cut.work)
+    verdict = cut.shown if alike else stability(cut.paired(closed), cut.work)
     return delay_margins(above, below, verdict, SEARCH // len(cut.loops))
 
 
@@ -173,9 +177,21 @@ def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float, work: W
         if np.isfinite(line)
         else f"poles of the closed loops with their delays; {others}"
     )
+    if (chain := _chain(closed)) is not None:
+        near = f"; those of high frequency approach the line Re s = {chain:.6g} rad/s"
+        note = note + near if closed.degree else f"all poles lie on the line Re s = {chain:.6g} rad/s"
     values = np.array([root.value for root in roots], complex)
     result.add_numbered(f"{MARGINS}/pole", values, "rad/s", note=note)
     result.add(f"{MARGINS}/poles_error_bound", np.array([r.radius for r in roots]), ("pole",), "rad/s")
+
+
+def _chain(closed: QuasiPolynomial) -> float | None:
+    """Return the real part of a neutral chain: of a + b exp(-s τ), the terms of highest degree, ln|b/a|/τ."""
+    terms = closed.leading(closed.degree).items()
+    leading = {sum(delay.seconds for delay in key): value for key, value in terms if value}
+    if len(leading) != 2 or 0 not in leading:
+        return None
+    return math.log(abs(leading[max(leading)] / leading[0])) / float(max(leading))
 
 
 def _values(balls: Iterable[Any]) -> list[complex]:

@@ -233,10 +233,22 @@ def _margin_texts(result: Result, loop: int) -> dict[str, str]:
 
 
 def _loops(result: Result) -> Iterator[ReportSection]:
-    """Yield the margins of the feedback loops, each with the others closed, and the poles with delays."""
+    """Yield the margins of the feedback loops, each with the others closed, and poles in z or with delays."""
     group = "bond_graph/margins"
-    if f"{group}/loop" not in result:
-        return
+    if f"{group}/loop" in result:
+        yield _margin_table(result)
+    if "bond_graph/sampled/poles" in result:
+        yield from _sampling(result)
+    if f"{group}/poles" in result:
+        poles = result[f"{group}/poles"]
+        text = roots_text(poles.data, hertz=in_hertz(result))
+        items = definitions(("poles", text), ("", str(poles.attrs["note"])))
+        yield ReportSection("Poles with delays", (items,), screen="poles with delays")
+
+
+def _margin_table(result: Result) -> ReportSection:
+    """Return the margins of the feedback loops."""
+    group = "bond_graph/margins"
     names, stabilities, stable = (result[f"{group}/{name}"].data for name in ("loop", "stability", "stable"))
     reasons = texts(result, f"{group}/undecided") or [""] * len(names)
     rows = tuple(
@@ -251,14 +263,7 @@ def _loops(result: Result) -> Iterator[ReportSection]:
     for k, loop in enumerate(names[: len(rows)]):
         blocks += (Statement(text, head=f"{loop}:") for text in _loop_remarks(result, k))
     blocks += (Statement(f"undecided: {reason}") for reason in dict.fromkeys(filter(None, reasons)))
-    yield ReportSection("Feedback loops", tuple(blocks), "answer", screen="feedback loops")
-    if "bond_graph/sampled/poles" in result:
-        yield from _sampling(result)
-    if f"{group}/poles" in result:
-        poles = result[f"{group}/poles"]
-        text = roots_text(poles.data, hertz=in_hertz(result))
-        items = definitions(("poles", text), ("", str(poles.attrs["note"])))
-        yield ReportSection("Poles with delays", (items,), screen="poles with delays")
+    return ReportSection("Feedback loops", tuple(blocks), "answer", screen="feedback loops")
 
 
 def _sampling(result: Result) -> Iterator[ReportSection]:

@@ -17,6 +17,7 @@ from dynid.bondgraph.causality.scap import assign_causality, run_scap
 from dynid.bondgraph.causality.strokes import Strokes
 from dynid.bondgraph.graph import (
     JUNCTIONS,
+    LINE,
     ONE_PORTS,
     QUANTITIES,
     SOURCES,
@@ -98,6 +99,9 @@ def _graph_of(scene: Scene) -> DrawnGraph:
         kind, value, formula = node.type, None, None
         if node.value is not None:
             value, formula = node.value.exact, node.value.expression
+        if kind == LINE:
+            boxes[name] = f"line: {float(node.impedance):g}, {float(node.delay):g} s"
+            kind = "1"
         if types[name] in MULTIPORTS:
             boxes[name] = f"{types[name]} at {', '.join(node.ports)}"
             kind = "0" if kind == "C" else "1"
@@ -186,7 +190,7 @@ def _graph_picture(name: str, title: str, result_title: str, sketch: Sketch, dra
         "the effort and determines the flow."
     )
     if drawn.boxes:
-        caption = "Power is positive along the half arrows. A box is a field or structure of many nodes."
+        caption = "Power is positive along the half arrows. A box is a field, structure or line."
     if drawn.loops:
         caption += " Dashed arrows are feedback, from what is measured to the source that it drives."
     if any(read != name for name, variables in drawn.laws.items() for read in variables):

@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any, cast
 
 from dynid.arithmetic.dependent import Dual
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.analysis_request import SAMPLED, Analysis, FormulaRequest, SensitivityParameter
+from dynid.bondgraph.analysis_request import (
+    SAMPLED,
+    WITH_LINES,
+    Analysis,
+    FormulaRequest,
+    SensitivityParameter,
+)
 from dynid.bondgraph.graph import FIELDS, SOURCES, BondGraph, GraphUnits
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import Fault, NumericalError, Singular, UsageError
@@ -253,6 +259,8 @@ def graph_analysis(
         asked -= {"reduction"}  # formulas of that many nodes are long, and nobody reads them
     if model.control is not None and model.control.sampled:
         asked &= SAMPLED
+    if any(loop.line for loop in built.loops):
+        asked &= WITH_LINES
     signals: list[tuple[str, Signal]] = []
     apart = False
     if "time_response" in asked:

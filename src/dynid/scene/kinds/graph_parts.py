@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
@@ -14,7 +14,7 @@ from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import Number
 from dynid.bondgraph.controller_circuits import Loop, Sampling
 from dynid.bondgraph.field_expansion import Expansion, FieldType, expand_coupling, expand_field
-from dynid.bondgraph.graph import TWO_PORTS, Bond, BondGraph, Node, NodeType, Port
+from dynid.bondgraph.graph import LINE, TWO_PORTS, Bond, BondGraph, Node, NodeType, Port
 from dynid.errors import DynidError
 from dynid.model_scope import ScopePart
 from dynid.scene.schema.laws import variables_of
@@ -104,12 +104,16 @@ def build_graph(
     outward = _outward_ports(bonds)
     variables: dict[str, Port] = {}
     approximations: list[ScopePart] = []
+    lines = _Lines()
     for name, node in graph.nodes.items():
         if node.type == STRUCTURE:
             expansion = Expansion(name, names)
             at_ports, leaving = requested[name], outward[name]
             left_out = _expand_structure(scene, expansion, node, at_ports, reading, leaving, band)
             approximations += [left_out] if left_out is not None else []
+        elif node.type == LINE:
+            lines.expand(name, node, [*names, *(node.name for node in nodes)])
+            continue
         elif node.matrix is not None:
             expansion = _expand_field(name, node, names, requested[name], reading, outward[name])
         else:
@@ -125,24 +129,55 @@ def build_graph(
         bonds += expansion.bonds
         variables |= expansion.variables
     asked = tuple(variables.get(str(output), output) for output in outputs)
-    built = BuiltGraph(BondGraph(nodes, bonds), asked, tuple(approximations))
+    built = BuiltGraph(lines.attached(nodes, bonds), asked, tuple(approximations))
     if nonlinear:
         linear = _linear_graph(built.graph, laws, point, variables)
         asked = tuple(linear.variables.get(output, output) for output in asked)
         variables |= {str(port): variable for port, variable in linear.variables.items()}
         flat = built.outputs
         built = built._replace(graph=linear.graph, outputs=asked, linearisation=linear, law_outputs=flat)
-    if control is None:
+    if control is None and not lines.loops:
         return built
     from dynid.bondgraph.controller_circuits import close_loops
 
-    measured_ports = (variables.get(str(loop.measured), loop.measured) for loop in control.loops)
-    loops = [
-        _loop(*pair, index) for index, pair in enumerate(zip(control.loops, measured_ports, strict=True))
-    ]
+    loops = [*(_loops(control, variables) if control else ()), *lines.loops]
     closed = close_loops(built.graph, loops)
     asked = tuple(closed.variables.get(output, output) for output in asked)
     return built._replace(graph=closed.graph, outputs=asked, opened=built.graph, loops=tuple(loops))
+
+
+class _Lines:
+    """The lines of a graph, as what they stand for."""
+
+    def __init__(self) -> None:
+        self.loops: list[Loop] = []
+        self._nodes: list[Node] = []
+        self._bonds: list[Bond] = []
+        self._ends: dict[str, tuple[str, str]] = {}
+
+    def expand(self, name: str, node: NodeModel, names: Iterable[str]) -> None:
+        from dynid.bondgraph.transmission_line import expand_line
+
+        used = [*names, *(node.name for node in self._nodes)]
+        line = expand_line(name, _number(node.impedance), _number(node.delay), node.domain or "", used)
+        self._nodes += line.nodes
+        self._bonds += line.bonds
+        self.loops += line.loops
+        self._ends[name] = line.ends
+
+    def attached(self, nodes: list[Node], bonds: list[Bond]) -> BondGraph:
+        """Return the graph of other nodes and bonds, with the lines where these attach to them."""
+        ends = self._ends
+        joined = [
+            Bond(ends.get(bond.tail, ("", bond.tail))[1], ends.get(bond.head, (bond.head, ""))[0])
+            for bond in bonds
+        ]
+        return BondGraph([*nodes, *self._nodes], [*joined, *self._bonds])
+
+
+def _loops(control: ControlModel, variables: Mapping[str, Port]) -> Iterator[Loop]:
+    for index, loop in enumerate(control.loops):
+        yield _loop(loop, variables.get(str(loop.measured), loop.measured), index)
 
 
 def _outward_ports(bonds: Iterable[Bond]) -> dict[str, set[str]]:

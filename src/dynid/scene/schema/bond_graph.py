@@ -19,11 +19,22 @@ from pydantic import (
     model_validator,
 )
 
-from dynid.bondgraph.analysis_request import NUMERIC, SAMPLED, USUAL, Engine, FormulaForm, Reading, ResultName
+from dynid.bondgraph.analysis_request import (
+    MAX_LINES,
+    NUMERIC,
+    SAMPLED,
+    USUAL,
+    WITH_LINES,
+    Engine,
+    FormulaForm,
+    Reading,
+    ResultName,
+)
 from dynid.bondgraph.decomposition.graph_bisection import bond_fault, loop_fault
 from dynid.bondgraph.field_expansion import field_fault
 from dynid.bondgraph.graph import (
     FIELDS,
+    LINE,
     NODE_TYPES,
     ONE_PORTS,
     SOURCES,
@@ -55,7 +66,9 @@ from dynid.scene.schema.quantities import (
     AT_KEY,
     Located,
     Quantity,
+    SceneNames,
     Uncertain,
+    UncertainPositive,
     Value,
     fault,
     names_of,
@@ -84,7 +97,7 @@ Domain = Literal["mechanical", "rotational", "electrical", "magnetic", "hydrauli
 _NAME = re.compile(r"[^\W\d][\w-]*|\d+")
 # The name of a node of an instance: those of the instances around it stand before.
 _INNER = re.compile(r"([^\W\d]\w*\.(\d+\.)?)*([^\W\d][\w-]*|\d+)")
-_TYPES = (*NODE_TYPES, STRUCTURE)
+_TYPES = (*NODE_TYPES, LINE, STRUCTURE)
 
 
 def _node_type(raw: Any) -> str:
@@ -152,6 +165,8 @@ class NodeModel(Section):
 
     type: _NodeType
     value: NodeValue | None = None
+    impedance: UncertainPositive | None = None
+    delay: UncertainPositive | None = None
     law: Annotated[LawModel, Later()] | None = None
     domain: Domain | None = None
     matrix: _PortMatrix | None = None
@@ -169,8 +184,8 @@ class NodeModel(Section):
 
     @model_validator(mode="after")
     def _has_what_it_needs(self, info: ValidationInfo) -> Self:
-        if self.type == STRUCTURE:
-            return self._is_a_structure()
+        if self.type in (STRUCTURE, LINE):
+            return self._is_a_structure() if self.type == STRUCTURE else self._is_a_line(names_of(info))
         if self.law is not None:
             if self.type in TWO_PORTS:
                 raise fault(
@@ -184,9 +199,7 @@ class NodeModel(Section):
                 raise fault(f"{self.type} has a 'law' or a '{keys[0]}', not both")
             raise_faults(law_faults(self.type, self.law, names_of(info)))
             return self
-        keys = [name for name in ("structure", "reduction", "joints") if getattr(self, name)]
-        if keys:
-            raise fault(f"'{keys[0]}' belongs to a node of type structure, not {self.type}")
+        self._has_no_other_keys()
         if self.matrix is not None or self.ports is not None:
             return self._is_a_multiport()
         if self.type in VALUED and self.value is None:
@@ -198,6 +211,22 @@ class NodeModel(Section):
             raise fault(f"the modulus of a {self.type} cannot be zero")
         if self.type in TWO_PORTS and self.domain is not None:
             raise fault(f"a {self.type} joins two domains; give 'domain' to the nodes on its sides")
+        return self
+
+    def _has_no_other_keys(self) -> None:
+        for key, kind in (
+            *((name, STRUCTURE) for name in ("structure", "reduction", "joints")),
+            *((name, LINE) for name in ("impedance", "delay")),
+        ):
+            if getattr(self, key):
+                raise fault(f"'{key}' belongs to a node of type {kind}, not {self.type}")
+
+    def _is_a_line(self, names: SceneNames) -> Self:
+        others = self.model_fields_set - {"type", "impedance", "delay", "domain"}
+        if self.impedance is None or self.delay is None or others:
+            raise fault(f"a line is written {{type: {LINE}, impedance: …, delay: …}}")
+        if names.linear:
+            raise fault("a graph with a line is not identified; write it as pieces of I and C")
         return self
 
     def _is_a_multiport(self) -> Self:
@@ -270,7 +299,8 @@ def _bond_faults(
     indices = [index for index, chain in enumerate(chains) for _ in chain]
     bonds = [bond for chain in chains for bond in chain]
     ins, outs = (Counter(bond[end] for bond in bonds) for end in (1, 0))
-    for problem in graph_faults({name: kind for name, kind in types.items() if kind in NODE_TYPES}, bonds):
+    shaped = {name: kind for name, kind in types.items() if kind in (*NODE_TYPES, LINE)}
+    for problem in graph_faults(shaped, bonds):
         if problem.bond is not None:
             yield (indices[problem.bond],), problem.message
         elif (node := problem.node) is not None:
@@ -496,6 +526,8 @@ class BondGraphScene(ComposedScene):
             inputs = self.analysis.inputs or [name for name in self.sources if name not in driven]
             outputs = [str(port) for port in self.analysis.outputs]
             yield from self.design.faults(self.parameters, self.graph.nodes, outputs, inputs)
+        if any(node.type == LINE for node in self.graph.nodes.values()):
+            yield from self._line_faults()
         if control is None:
             return
         yield from control.input_faults(self.analysis.inputs)
@@ -518,6 +550,18 @@ class BondGraphScene(ComposedScene):
         for index, name in enumerate(self.analysis.results or ()):
             if name == "time_response":
                 yield ("analysis", "results", index), message
+
+    def _line_faults(self) -> Iterator[Located]:
+        """Yield what a graph with lines does not have."""
+        lines = "with a line (TL); leave it out, or write the line as pieces of I and C"
+        for index, name in enumerate(self.analysis.results or ()):
+            if name not in WITH_LINES:
+                yield ("analysis", "results", index), f"there is no '{name}' {lines}"
+        if self.analysis.port is not None:
+            yield ("analysis", "port", AT_KEY), f"there is no 'port' {lines}"
+        count = sum(node.type == LINE for node in self.graph.nodes.values())
+        if count > MAX_LINES:
+            yield ("graph", "nodes", AT_KEY), f"at most {MAX_LINES} lines (TL), not {count}"
 
     def _sampling_faults(self) -> Iterator[Located]:
         """Yield what a graph with sampled loops does not have."""

@@ -45,7 +45,7 @@ def stored_energy_faults(initial: Mapping[Any, Any], types: Mapping[str, str]) -
 
 
 def _port(raw: Any, info: ValidationInfo) -> Port:
-    from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, Port, port_fault
+    from dynid.bondgraph.graph import LINE, NODE_TYPES, QUANTITIES, Port, port_fault
 
     nodes = names_of(info).variables
     name, dot, quantity = raw.rpartition(".") if isinstance(raw, str) else ("", "", "")
@@ -60,7 +60,7 @@ def _port(raw: Any, info: ValidationInfo) -> Port:
     if quantity not in QUANTITIES:
         raise fault(f"'{raw}': '{quantity}' is not one of e, f, q, p")
     port = Port(name, quantity)
-    problem = port_fault(nodes, port) if nodes.get(name) in NODE_TYPES else ""
+    problem = port_fault(nodes, port) if nodes.get(name) in (*NODE_TYPES, LINE) else ""
     if problem:
         raise fault(problem)
     return port
@@ -73,7 +73,7 @@ Output = Annotated[Port, PlainValidator(_port), TEXT]
 
 
 def _source_name(raw: Any, info: ValidationInfo) -> str:
-    from dynid.bondgraph.graph import NODE_TYPES, SOURCES
+    from dynid.bondgraph.graph import LINE, NODE_TYPES, SOURCES
 
     if isinstance(raw, bool) or not isinstance(raw, str | int):
         raise fault("an input is the name of a source")
@@ -82,7 +82,7 @@ def _source_name(raw: Any, info: ValidationInfo) -> str:
     if nodes and name not in nodes:
         there = did_you_mean(name, sources) or f"; sources are: {shortened(sources) or 'none'}"
         raise fault(f"no node '{name}'{there}")
-    if nodes and nodes[name] in (*NODE_TYPES, *MULTIPORTS, PORT) and nodes[name] not in SOURCES:
+    if nodes and nodes[name] in (*NODE_TYPES, LINE, *MULTIPORTS, PORT) and nodes[name] not in SOURCES:
         raise fault(
             f"'{name}' is no source (Se, Sf); only sources can be inputs{did_you_mean(name, sources)}"
         )
