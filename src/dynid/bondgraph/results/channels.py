@@ -257,15 +257,22 @@ def _roots(coefficients: tuple[int, ...]) -> tuple[CertifiedRoot, ...]:
 
 
 def add_roots(
-    result: Result, group: str, name: str, roots: Sequence[SidedRoot], *, estimated: bool = False
+    result: Result,
+    group: str,
+    name: str,
+    roots: Sequence[SidedRoot],
+    *,
+    estimated: bool = False,
+    note: str = "",
 ) -> None:
     """Add roots, each as often as its multiplicity says, with certified error bounds or with estimates.
 
     `name`: the plural, `zeros` has the axis `zero`. `estimated`:
-    whether their errors are estimates, of roots that have residuals, too.
+    whether their errors are estimates, of roots that have residuals, too. `note`: which roots they are.
     """
     axis = name[:-1]
-    result.add_numbered(f"{group}/{axis}", each(roots, "value", np.complex128), "rad/s")
+    about = {"note": note} if note else {}
+    result.add_numbered(f"{group}/{axis}", each(roots, "value", np.complex128), "rad/s", **about)
     error = f"{group}/{axis}_error_{'estimate' if estimated else 'bound'}"
     if result.wants(error):
         result.add(error, each(roots, "radius", np.float64), (axis,), "rad/s")

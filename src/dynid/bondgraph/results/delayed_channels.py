@@ -166,10 +166,7 @@ def true_channels(result: Result, analysis: Analysis, opened: BondGraph) -> dict
         arrays = Result(result.kind)
         roots, properties = (f"{group}{output}/{source}" for group in _GROUPS)
         for name, listed in (("zeros", zeros), ("poles", poles)):
-            add_roots(arrays, roots, name, listed.roots)
-            if listed.note:
-                path = f"{roots}/{name}"
-                arrays.put(path, replace(arrays[path], attrs={"note": listed.note}))
+            add_roots(arrays, roots, name, listed.roots, note=listed.note)
         values = np.array([root.value for root in poles.roots for _ in range(root.multiplicity)], complex)
         size, damping = natural_frequencies(values)
         arrays.add_axis(f"{properties}/mode", np.arange(1, len(size) + 1))
