@@ -112,7 +112,8 @@ def identify(
         problem = Problem.of(model, measurements, truth=truth, rebuild=rebuild, common=common)
         estimator = estimator or Auto()
         suggest = into is None or into.wants("identification/diagnostics/warnings")
-        posterior, last = posterior_of(problem, estimator, suggest=suggest and problem.survey is None)
+        suggest = suggest and problem.survey is None and not _has_laws(problem.model)
+        posterior, last = posterior_of(problem, estimator, suggest=suggest)
         if posterior.rejection is not None:
             raise_rejected(
                 posterior, *([] if problem.survey is None else [partial(_add_modes, problem=problem)])
@@ -196,7 +197,7 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
     if astray is not None:
         return posterior, model
     full = isinstance(problem.truth, StructuralModel) and problem.truth.basis is None
-    full = full and posterior.rejection is None and problem.survey is None
+    full = full and posterior.rejection is None and problem.survey is None and not _has_laws(model)
     if full and isinstance(model, StructuralModel) and model.basis is not None:
         posterior = _with_model_error(problem, posterior, model)
     return posterior, model
@@ -257,6 +258,11 @@ def _settled(
     return posterior, model
 
 
+def _has_laws(model: Model) -> bool:
+    """Return True if a joint of a model has a nonlinear law."""
+    return isinstance(model, StructuralModel) and model.nonlinear
+
+
 def _undetermined(posterior: Posterior) -> dict[str, float]:
     """Return the parameter that the records determine least, if that is not at all, with a value for it."""
     # None where the records have no response, or where no other parameter would be left.
@@ -272,6 +278,8 @@ def _with_optima(
     problem: Problem, posterior: Posterior, model: Model, rebuild: Rebuild | None
 ) -> tuple[Posterior, Model]:
     """Return a posterior at the optimum of greatest posterior, with the equivalent ones; and its model."""
+    if _has_laws(model):  # whose estimators search from several starts themselves
+        return posterior, model
     likelihood, estimate, lost = posterior.likelihood, posterior.estimate, posterior.undetermined
     values = [record.full_data for record in likelihood.records]
 

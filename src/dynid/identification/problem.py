@@ -33,6 +33,7 @@ from dynid.identification.systems.parametric_model import (
     unknowns_of,
 )
 from dynid.identification.systems.record_values import data, simulated
+from dynid.identification.systems.structure_system import StructureSystem
 from dynid.parameters import named, rates, starts, values
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
@@ -77,7 +78,7 @@ class SharedRecords:
             models = [_model_of_record(model, experiment) for experiment in experiments]
             records_built = zip(models, experiments, clean, strict=True)
             records = tuple(
-                TimeRecord.of(
+                record_class(built).of(
                     built, data(truth, *experiment, values).without_noise(), experiment, len(models)
                 )
                 for built, experiment, values in records_built
@@ -112,13 +113,9 @@ class Problem:
     ) -> Self:
         """Return the problem; parameters and errors as of `identify`."""
         unknowns_of(model)
-        if isinstance(model, StructuralModel) and model.nonlinear:
-            raise UsageError(
-                "joints with nonlinear laws are simulated, not yet identified",
-                remedy="Leave out 'measurement', or the 'laws' of the joints.",
-                names=("joints",),
-            )
         measured = _in_order(measurements)
+        if isinstance(model, StructuralModel) and model.nonlinear:
+            _check_laws(measured)
         full, modes = model, 0
         if isinstance(survey := measured[-1], ModalMeasurement):
             assert isinstance(model, StructuralModel)
@@ -131,7 +128,7 @@ class Problem:
         # Spreads of offsets and delays are those of each record: models that have others are not shared.
         if common is not None and common.models and common.models[0].unknowns == model.unknowns:
             shared = zip(common.models, values, problem.experiments, strict=True)
-            records = tuple(TimeRecord.of(*record, len(values)) for record in shared)
+            records = tuple(record_class(record[0]).of(*record, len(values)) for record in shared)
             return replace(problem, likelihood=TimeLikelihood(records, noiseless=common.ideal))
         return replace(problem, likelihood=problem.likelihood_of(model, values))
 
@@ -174,7 +171,8 @@ class Problem:
         """Return the likelihood of values of one measurement with a model."""
         sharing = len(self.measurements)
         if isinstance(measurement, Experiment):
-            return TimeRecord.of(_model_of_record(model, measurement), values, measurement, sharing)
+            built = _model_of_record(model, measurement)
+            return record_class(built).of(built, values, measurement, sharing)
         if isinstance(measurement, FrfMeasurement):
             return FrfRecord.of(model, measurement, values, sharing)
         from dynid.identification.likelihood.modal_record import ModalRecord  # of modal surveys alone
@@ -194,6 +192,17 @@ class Problem:
         )
         return replace(
             self, measurements=measurements, likelihood=replace(self.likelihood, records=tuple(records))
+        )
+
+
+def _check_laws(measured: Sequence[Measured]) -> None:
+    """Refuse measurements that are linear by nature."""
+    if not all(isinstance(measurement, Experiment) for measurement in measured):
+        raise UsageError(
+            "frequency responses and modes are linear: they cannot identify nonlinear laws of joints",
+            remedy="Identify from records of time, or leave out the 'laws': k and c are then those at the "
+            "amplitude of the test.",
+            names=("measurement.frf", "measurement.modes", "measurement"),
         )
 
 
@@ -261,6 +270,15 @@ def _model_of_record(model: Model, experiment: Experiment) -> ParametricModel:
     return parametric_model(model, loads, experiment.measurement.channels, record.times)
 
 
+def record_class(model: ParametricModel) -> type[TimeRecord]:
+    """Return the class of the likelihood of a record with this model."""
+    if not (isinstance(model.system, StructureSystem) and model.system.model.nonlinear):
+        return TimeRecord
+    from dynid.identification.likelihood.nonlinear_record import NonlinearRecord  # of joints with laws alone
+
+    return NonlinearRecord
+
+
 class Origin(NamedTuple):
     """The origin of an estimation: coordinates (p), and the parameters that the records do not determine."""
 
@@ -276,6 +294,8 @@ def identifiable_origin(likelihood: Likelihood) -> Origin:
     Raises NotIdentifiable if the records determine no parameter.
     """
     eta, unknowns = starts(likelihood.unknowns), likelihood.unknowns
+    if any(record.origin_is_free for record in likelihood.records):
+        return Origin(eta, ())
     rms = [record.data.rms for record in likelihood.records]
 
     def information_at(point: Array) -> Information:

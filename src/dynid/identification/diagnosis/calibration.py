@@ -22,7 +22,7 @@ from dynid.identification.likelihood.record_likelihood import RecordFit, RecordL
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.frf_measurement import stacked, unstacked
 from dynid.identification.systems.parametric_model import freed_coordinates, freed_model
-from dynid.identification.systems.prediction import forced_by, free_prediction, prediction
+from dynid.identification.systems.prediction import forced_by, free_prediction
 from dynid.parameters import Parameter
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
@@ -136,19 +136,18 @@ def _considered(freed: Sequence[Parameter], record: RecordLikelihood) -> tuple[l
 
 
 def _of_record(record: TimeRecord, fit: RecordFit, noise: Array) -> _CalibrationDerivatives:
-    model, n, p = record.model, record.model.states, record.model.parameters
-    names, changes, columns = _by_loads(record, fit)
+    model, n, p = record.model, record.nuisances, record.model.parameters
+    names, changes, columns = _by_loads(record, fit) if record.superposes else ([], [], [])
     predicted = record.predicted(fit)
     if (freed := model.freed) is not None:
         # By coordinates of considered parameters, and by the logarithms of what else is known.
         places, deviations = _considered(freed.unknowns, record)
         eta = freed_coordinates(freed.unknowns, record.unknowns, fit.eta)
-        free, steps = free_prediction(freed, eta)
-        moved = prediction(freed, eta, fit.predicted.start * model.scale / freed.scale, free, steps)
+        moved = record.with_model(freed).prediction_from(eta, fit.predicted.start, model)
         names += [freed.unknowns[k].name for k in places]
         changes += deviations
         columns += [moved.by_parameter[..., k] for k in places]
-    if (late := _by_clock(record, fit)) is not None:
+    if record.superposes and (late := _by_clock(record, fit)) is not None:
         names, changes, columns = [*names, CLOCK], [*changes, CLOCK_CHANGE], [*columns, late]
     measured, channels = np.nan_to_num(record.data.recorded), len(record.data.rms)
     mixed = record.colour is not None and record.colour.mixing is not None

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
 # starts are chosen by the shortest. No route is the best for all records: short segments have fewer local
 # optima, but are less sensitive.
 _ROUTES = ((64, 16, 4), (16,), (64, 16, 4), (32, 4), ())
+# Joints with nonlinear laws: the first parts of the records, one in so many, that are fitted in turn.
+_GROWING = (32, 16, 8, 4, 2)
 # Responses: a search with the modes of a band is confirmed by an estimate of the whole model that differs by
 # less than this part of its standard errors.
 _CONFIRMED_DEVIATIONS = 0.1
@@ -84,6 +86,8 @@ class Auto:
         Raises DynidError: the first error, if no attempt was completed.
         """
         if isinstance(likelihood, TimeLikelihood):
+            if any(record.origin_is_free for record in likelihood.records):
+                return self._of_laws(likelihood, origin)
             return self._of_records(likelihood, origin)
         if isinstance(likelihood, FrfLikelihood):
             return self._of_responses(likelihood, origin)
@@ -107,6 +111,20 @@ class Auto:
             search.attempt("annealed passes", partial(_filtered, annealed_passes, likelihood, origin))
         if not search.ended:
             search.draw(guides[_ROUTES[0][0]], routes, origin)
+        return search.best()
+
+    def _of_laws(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
+        """Estimate from records of joints with nonlinear laws: by their first parts, from several starts."""
+        from dynid.identification.likelihood.nonlinear_record import growing  # of joints with laws alone
+
+        search = Search(likelihood)
+        if not self.multi_start:
+            search.attempt("the start", partial(guided, (), origin))
+            return search.best()
+        route = growing(likelihood, _GROWING)
+        search.attempt("records of growing length", partial(guided, route, origin))
+        if not search.accepted:
+            search.draw(route[0], [route], origin)
         return search.best()
 
     def _of_responses(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:

@@ -117,6 +117,12 @@ def chained(
     of the parameters, too, which is combined with their priors. `passed`: runs the pass over a record,
     numbered from 0.
     """
+    if not all(record.superposes for record in likelihood.records):
+        raise UsageError(
+            "the filter's steps are those of a linear model, and a joint has nonlinear laws",
+            remedy="Use method: auto or output-error.",
+            names=("estimator.method", "estimator"),
+        )
     sweep: list[Pass] = []
     first = likelihood.priors.combined(priors[0])
     for k, (record, prior) in enumerate(zip(likelihood.records, priors, strict=True)):

@@ -111,14 +111,16 @@ class Nonlinearity:
 
 
 def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlinearity | None:
-    """Return the score test of the joints; None where no record of time has scalar joints.
+    """Return the score test of the joints; None where no record of time has scalar joints without laws.
 
     `likelihood`, `fit`: records with their model, and its fit; `white`: True if its residuals are.
     """
     tested = [
         (record, record_fit, record.model.system.joint_ports(named(record.unknowns, fit.eta)))
         for record, record_fit in zip(likelihood.records, fit.parts, strict=True)
-        if isinstance(record, TimeRecord) and isinstance(record.model.system, StructureSystem)
+        if isinstance(record, TimeRecord)
+        and isinstance(record.model.system, StructureSystem)
+        and not record.model.system.model.nonlinear
     ]
     if not tested or not tested[0][-1].names:
         return None

@@ -94,6 +94,9 @@ class RecordLikelihood(ABC):
     #: The remedy of outliers that cannot be corrected; empty where there is none.
     outlier_remedy: ClassVar[str] = "estimator: {loss: huber}"
 
+    #: True if the start says nothing of what the values determine: a slider that sticks there may slip.
+    origin_is_free: ClassVar[bool] = False
+
     @property
     def full_data(self) -> RecordData:
         """The values with those at which not every input is known."""

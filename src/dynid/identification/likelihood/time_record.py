@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -224,6 +224,25 @@ class TimeRecord(RecordLikelihood):
             return prediction(self.model, fit.eta, fit.predicted.start, free, steps)
         return self._last[key]
 
+    #: True if responses to loads and first states add up.
+    superposes: ClassVar[bool] = True
+
+    def with_model(self, model: ParametricModel) -> Self:
+        """Return the likelihood of the same record with another model of the same states."""
+        return replace(self, model=model)
+
+    def prediction_from(self, eta: Array, start: Array, model: ParametricModel) -> Prediction:
+        """Return the prediction at coordinates `eta` from a start in the units of another model."""
+        free, steps = free_prediction(self.model, eta)
+        return prediction(self.model, eta, start * model.scale / self.model.scale, free, steps)
+
+    def state_slopes(self, fit: RecordFit) -> Array | None:  # noqa: ARG002
+        """Return the derivatives of the states (times x n, scaled) by first states and coordinates (… x q).
+
+        None where they follow from the transition matrices.
+        """
+        return None
+
     # Noise model.
 
     @property
@@ -347,12 +366,12 @@ class TimeRecord(RecordLikelihood):
 
     def slopes(self, fit: RecordFit, noise: Array) -> Array:
         """Return few rows with the same products as the derivatives by the coordinates over noise (… x p)."""
-        n, p = self.model.states, self.model.parameters
+        n, p = self.nuisances, self.model.parameters
         return self.rows(fit, noise)[:, n : n + p]
 
     def by_start(self, fit: RecordFit, noise: Array) -> Array:
         """Return the derivatives by the first state in units of its prior (… x n), rows as of `slopes`."""
-        return np.asarray(self.rows(fit, noise)[:, : self.model.states] @ self.root)
+        return np.asarray(self.rows(fit, noise)[:, : self.nuisances] @ self.root)
 
     def nuisance_degrees(self, fit: RecordFit, noise: Array) -> Array:
         """Return the degrees of freedom that the initial state takes from each channel (channels)."""
@@ -363,7 +382,7 @@ class TimeRecord(RecordLikelihood):
 
     def by_row(self, level: NDArray[Any]) -> NDArray[Any]:
         """Return numbers of channels (channels) row by row as the triangles stand."""
-        return np.repeat(level, self.model.states + self.model.parameters + 1)
+        return np.repeat(level, self.nuisances + self.model.parameters + 1)
 
     def on(self, data: RecordData) -> Self:
         """Return the likelihood of other values of the same record."""
@@ -371,7 +390,7 @@ class TimeRecord(RecordLikelihood):
 
     def information(self, fit: RecordFit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
-        n, p = self.model.states, self.model.parameters
+        n, p = self.nuisances, self.model.parameters
         rows = self.rows(fit, noise)
         names = tuple(unknown.name for unknown in self.model.unknowns)
         present = ~np.isnan(fit.residual)
@@ -488,12 +507,14 @@ def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, root_of_p
     `fit`: its fit at the estimate; `noise`: standard deviation of the noise (channels).
     `root_of_parameters`: a root of the covariance of the coordinates, given all records (p x p).
     """
+    root = _initial_root(record, fit, noise, root_of_parameters)
+    if (state_slopes := record.state_slopes(fit)) is not None:
+        return np.linalg.norm(state_slopes[stored_rows(len(state_slopes))] @ root, axis=2)
     model, n = record.model.moved(fit.eta), record.model.states
     transitions = [model.transition(fit.eta, h) for h in model.line.lengths]
     stored = np.zeros(len(model.line.nodes), dtype=bool)
     sample_nodes = model.own(model.line.wanted)
     stored[sample_nodes[stored_rows(len(sample_nodes))]] = True
-    root = _initial_root(record, fit, noise, root_of_parameters)
     by_eta, columns = root[n:].T, root[:n].T
     x = fit.predicted.start
     out = [_sizes(columns[None])] if stored[0] else []
@@ -519,7 +540,7 @@ def _sizes(columns: Array) -> Array:
 def _initial_root(record: TimeRecord, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
     """Return a root of the covariance of initial state (scaled) and coordinates (n + p x n + p)."""
     # Given the coordinates, the state has the mean and covariance of its regression on them.
-    n = record.model.states
+    n = record.nuisances
     by_state, by_parameter = record.by_start(fit, noise), record.slopes(fit, noise)
     U, s, Vt = thin_svd(by_state)
     size = np.zeros(n)

@@ -200,14 +200,19 @@ def candidate_sensors(
     joint = parametric_model(model, loads, all_channels, record.model.times)
     eta = expected.fit.eta
     # Candidates may depend on more states, which start from zero.
-    start = expected.fit.parts[0].predicted.start * record.model.scale
+    start = expected.fit.parts[0].predicted.start[: record.model.states] * record.model.scale
     known_states = dict(zip((state.name for state in record.system_model.states), start, strict=True))
     x0 = np.array([known_states.get(state.name, 0.0) for state in joint.system.states]) / joint.scale
     root = record.root
     if joint.states != record.model.states:
         root = np.linalg.norm(record.root) / np.linalg.norm(record.model.state_root) * joint.state_root
-    free, steps = free_prediction(joint, eta)
-    predicted = prediction(joint, eta, x0, free, steps)
+    if record.superposes:
+        free, steps = free_prediction(joint, eta)
+        predicted = prediction(joint, eta, x0, free, steps)
+    else:
+        predicted = record.with_model(joint).prediction_from(
+            eta, expected.fit.parts[0].predicted.start, record.model
+        )
     rms = np.sqrt(np.mean(predicted.outputs**2, axis=0))
     largest = {channel.quantity: 0.0 for channel in all_channels}
     for channel, size in zip(all_channels, rms, strict=True):
@@ -225,7 +230,7 @@ def candidate_sensors(
     both = np.concatenate([predicted.by_state[:, kept] @ root, predicted.by_parameter[:, kept]], axis=2)
     roots = np.asarray(np.linalg.qr(np.moveaxis(both / level[kept, None], 1, 0), mode="r"))
     left_out = tuple(channel.name for channel, yes in zip(all_channels, moves, strict=True) if not yes)
-    candidates = Candidates(roots, joint.states)
+    candidates = Candidates(roots, predicted.by_state.shape[2])
     return _CandidateSensors(
         tuple(all_channels[k] for k in kept), level[kept], rms[kept], candidates, left_out
     )

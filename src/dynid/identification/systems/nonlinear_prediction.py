@@ -61,6 +61,7 @@ class NonlinearPrediction(NamedTuple):
     deflections: Array
     forces: Array
     events: int
+    state_slopes: Array  # of the states by parameters, first and first hidden states (times x n x p + n + h)
 
 
 def is_nonlinear(model: ParametricModel) -> bool:
@@ -153,6 +154,7 @@ def predicted(
         if direct.slopes is not None:
             moved[..., :p] += np.moveaxis(direct.slopes, 0, -1)
     gathered = model.gathered(moved)
+    kept = np.concatenate([np.arange(p + n), p + n + hidden])
     return NonlinearPrediction(
         model.gathered(outputs),
         model.own(motion.states),
@@ -163,6 +165,7 @@ def predicted(
         model.own(motion.states @ rest.rows[:nf].T),
         model.own(motion.forces),
         motion.events,
+        model.own(motion.slopes[..., kept]) if sensitive else motion.slopes,
     )
 
 

@@ -1,0 +1,251 @@
+"""Likelihood of a record of time whose joints have nonlinear laws.
+
+Nothing is superposed: the prediction depends on first state and hidden states of the laws through the whole
+motion, with exact sensitivities (`systems.nonlinear_prediction`). Given the parameters, both are solved for
+by Gauss and Newton's iteration, as a linear record solves for its first state in one step. All else is that
+of a linear record, about the motion at the estimate: information, projections, tests of the residuals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from dynid.arrays import Array
+from dynid.errors import DynidError
+from dynid.identification.least_squares import STATE_RANK, least_squares
+from dynid.identification.likelihood.record_likelihood import RecordFit
+from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.systems.nonlinear_prediction import (
+    hidden_start,
+    hidden_states,
+    predicted,
+    steps_needed,
+)
+from dynid.identification.systems.parametric_model import ParametricModel
+from dynid.identification.systems.prediction import Prediction, Trajectory
+from dynid.structure.nonlinear.march import Refine
+
+# Most steps to the first state, and the change of the sum of squares, relative, below which one is the last.
+_MAX_START_STEPS, _LAST_GAIN = 12, 1e-8
+# Halvings of a step to the first state that does not improve, and most steps between samples.
+_MAX_HALVINGS, _MAX_PARTS = 6, 64
+# Change of a number of a hidden state in one step, and its largest: tanh is 1 to four digits there.
+_MAX_HIDDEN_STEP, _MAX_HIDDEN = 1.0, 5.0
+
+
+class _Warm(NamedTuple):
+    """A fit from which the next one begins."""
+
+    eta: Array
+    start: Array  # first state and numbers of the hidden states (n + h)
+    by_parameter: Array  # derivatives of it (n + h x p)
+
+
+@dataclass(frozen=True, eq=False)
+class NonlinearRecord(TimeRecord):
+    """The likelihood of one record of time with a model whose joints have nonlinear laws."""
+
+    origin_is_free: ClassVar[bool] = True
+    superposes: ClassVar[bool] = False
+    _kept: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def hidden(self) -> int:
+        """Number of hidden states."""
+        return len(hidden_states(self.model))
+
+    @property
+    def nuisances(self) -> int:
+        """Number of first states that are unknown, hidden ones included."""
+        return self.model.states + self.hidden
+
+    @cached_property
+    def root(self) -> Array:
+        """Lower root of the wide prior covariance of first state and numbers of hidden states."""
+        n = self.model.states
+        root = np.eye(self.nuisances)
+        root[:n, :n] = super().root
+        return root
+
+    def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:
+        """Fit first and hidden states to `values` (times x channels) at coordinates of the parameters."""
+        level = self.data.rms if noise is None else noise
+        start, prediction, states_slopes = self._fitted(eta, values, level)
+        residual = values - prediction.outputs
+        triangles, counts = self.triangles(residual, prediction.by_state, prediction.by_parameter)
+        self._last.clear()
+        self._last[eta.tobytes() + start.tobytes()] = prediction
+        self._kept["slopes"] = eta.tobytes(), states_slopes
+        size = np.sqrt(np.einsum("cr,cr->c", triangles[..., -1], triangles[..., -1]) / counts) * self.data.rms
+        trajectory = Trajectory(prediction.outputs, prediction.states, start)
+        return RecordFit(
+            eta, trajectory, residual, counts, size, self.noise_in(counts, size), triangles, measured=values
+        )
+
+    def predicted(self, fit: RecordFit) -> Prediction:
+        """Return the prediction of a fit with all sensitivities."""
+        key = fit.eta.tobytes() + fit.predicted.start.tobytes()
+        if key not in self._last:
+            return self._prediction(fit.eta, fit.predicted.start)[0]
+        return self._last[key]
+
+    def prediction_from(self, eta: Array, start: Array, model: ParametricModel) -> Prediction:
+        """Return the prediction at coordinates `eta` from a start in the units of another model."""
+        n = model.states
+        return self._prediction(eta, np.concatenate([start[:n] * model.scale / self.model.scale, start[n:]]))[
+            0
+        ]
+
+    def residual(self, eta: Array) -> Array:
+        """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""
+        return self.fit(eta, self.data.values).residual
+
+    def residual_rms_at(self, eta: Array) -> Array:
+        """Return the RMS of the residuals, whitened, at these coordinates (channels)."""
+        return self.fit(eta, self.data.values).size
+
+    def state_slopes(self, fit: RecordFit) -> Array:
+        """Return the derivatives of the states (times x n, scaled) by first states and coordinates."""
+        key, slopes = self._kept.get("slopes", (b"", None))
+        return slopes if key == fit.eta.tobytes() else self._prediction(fit.eta, fit.predicted.start)[1]
+
+    def first(self, samples: int) -> Self:
+        """Return the likelihood of the first samples of the record."""
+        kept = slice(0, samples)
+        model = self.model.at_times(self.model.times[kept])
+        return replace(self, model=model, data=self.data.within(kept), recorded=None)
+
+    def converged_steps(self, fit: RecordFit) -> bool:
+        """Return True if steps between samples are short enough at a fit; else they are from now on."""
+        hidden = hidden_start(self.model, fit.eta, *np.split(fit.predicted.start, [self.model.states]))
+        needed = steps_needed(self.model, fit.eta, fit.predicted.start[: self.model.states], hidden.z0)
+        enough = needed <= self._kept.get("steps", 1)
+        if not enough:
+            self._kept["steps"] = needed
+        return enough
+
+    def _fitted(self, eta: Array, values: Array, level: Array) -> tuple[Array, Prediction, Array]:
+        """Return first and hidden states of least squares, and the prediction from them."""
+        n, warm = self.model.states, self._kept.get("warm")
+        start = np.concatenate([self.model.initial, np.zeros(self.hidden)])
+        candidates = [start]
+        if warm is not None:  # where the first states follow the parameters
+            follows = warm.start + warm.by_parameter @ np.clip(eta - warm.eta, -1.0, 1.0)
+            candidates = [follows, warm.start, start]
+        current, failure = None, None
+        for candidate in candidates:
+            try:
+                current = self._evaluated(eta, self._limited(candidate), values, level)
+                break
+            except DynidError as error:
+                failure = failure or error
+        if current is None:
+            assert failure is not None
+            raise failure
+        for _ in range(_MAX_START_STEPS):
+            squares, start, prediction, _, rows = current
+            by_start = rows[:, : self.nuisances] @ self.root
+            number = least_squares(by_start, rows[:, -1], STATE_RANK)
+            if squares - float(np.sum((rows[:, -1] - by_start @ number) ** 2)) <= _LAST_GAIN * squares:
+                break
+            shift = self.root @ number
+            largest = float(np.abs(shift[n:]).max(initial=0.0))
+            shift *= min(1.0, _MAX_HIDDEN_STEP / largest) if largest > 0 else 1.0
+            better = None
+            for _ in range(_MAX_HALVINGS):
+                try:
+                    trial = self._evaluated(eta, self._limited(start + shift), values, level)
+                except DynidError:
+                    trial = None
+                if trial is not None and trial[0] < squares:
+                    better = trial
+                    break
+                shift = shift / 4
+                if trial is not None and trial[0] <= (1 + _LAST_GAIN) * squares:
+                    break  # round-off is all that is left
+            if better is None:
+                break
+            current = better
+        _, start, prediction, slopes, rows = current
+        by_start = rows[:, : self.nuisances] @ self.root
+        follow = [least_squares(by_start, column, STATE_RANK) for column in rows[:, self.nuisances : -1].T]
+        moved = -self.root @ np.array(follow).reshape(-1, self.nuisances).T
+        self._kept["warm"] = _Warm(eta, start, moved)
+        return start, prediction, slopes
+
+    def _limited(self, start: Array) -> Array:
+        """Return first states with the numbers of hidden ones where their ranges still change."""
+        n = self.model.states
+        return np.concatenate([start[:n], np.clip(start[n:], -_MAX_HIDDEN, _MAX_HIDDEN)])
+
+    def _evaluated(
+        self, eta: Array, start: Array, values: Array, level: Array
+    ) -> tuple[float, Array, Prediction, Array, Array]:
+        """Return the sum of squares, first states, prediction, slopes of the states, and rows over noise."""
+        prediction, slopes = self._prediction(eta, start)
+        triangles, _ = self.triangles(
+            values - prediction.outputs, prediction.by_state, prediction.by_parameter
+        )
+        rows = triangles * (self.data.rms / level)[:, None, None]
+        rows = rows.reshape(-1, rows.shape[-1])
+        return float(np.sum(rows[:, -1] ** 2)), start, prediction, slopes, rows
+
+    def _prediction(self, eta: Array, start: Array) -> tuple[Prediction, Array]:
+        """Return the prediction from first states, and the slopes of the states by these and parameters."""
+        n, p = self.model.states, self.model.parameters
+        self.system_model.evaluations += 1
+        hidden = hidden_start(self.model, eta, start[:n], start[n:])
+        if "steps" not in self._kept:
+            self._kept["steps"] = steps_needed(self.model, eta, start[:n], hidden.z0)
+        while True:
+            try:
+                motion = predicted(self.model, eta, start[:n], hidden.z0, self._kept["steps"])
+                break
+            except Refine:
+                self._kept["steps"] *= 2
+                if self._kept["steps"] > _MAX_PARTS:
+                    self._kept["steps"] = 1
+                    raise
+
+        def joined(by_parameter: Array, by_state: Array, by_hidden: Array) -> tuple[Array, Array]:
+            by_parameter = by_parameter + by_hidden @ hidden.by_parameter
+            by_state = by_state + by_hidden @ hidden.by_state
+            return by_parameter, np.concatenate([by_state, by_hidden * hidden.by_number], axis=2)
+
+        by_parameter, by_state = joined(motion.by_parameter, motion.by_state, motion.by_hidden)
+        slopes = motion.state_slopes
+        parts = joined(slopes[..., :p], slopes[..., p : p + n], slopes[..., p + n :])
+        return Prediction(motion.outputs, motion.states, by_parameter, by_state), np.concatenate(
+            parts[::-1], axis=2
+        )
+
+
+def nonlinear(likelihood: Any) -> bool:
+    """Return True if a record of a likelihood has joints with nonlinear laws."""
+    return any(isinstance(record, NonlinearRecord) for record in likelihood.records)
+
+
+def growing(likelihood: TimeLikelihood, parts: Sequence[int]) -> list[TimeLikelihood]:
+    """Return the likelihoods of the first parts (one in so many) of all records."""
+    # Shorter records have fewer local optima: a wrong stiffness has shifted the phase less.
+    out = []
+    for divisor in parts:
+        records = [
+            record.first(max(_fewest(record), len(record.times) // divisor))
+            if isinstance(record, NonlinearRecord)
+            else record
+            for record in likelihood.records
+        ]
+        out.append(replace(likelihood, records=tuple(records), noiseless=None))
+    return out
+
+
+def _fewest(record: NonlinearRecord) -> int:
+    """Return the fewest samples of a part: four times as many values as there are unknowns."""
+    unknowns = record.nuisances + record.model.parameters
+    return min(len(record.times), -(-4 * unknowns // len(record.data.rms)))

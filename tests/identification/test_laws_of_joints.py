@@ -1,0 +1,143 @@
+"""Joints with nonlinear laws, identified from records of time: estimates, sensitivities, hidden states."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import UsageError
+from dynid.identification.estimators.auto import Auto
+from dynid.identification.estimators.filter_passes import Filter
+from dynid.identification.estimators.maximum_likelihood import OutputError
+from dynid.identification.identify import identify
+from dynid.identification.likelihood.nonlinear_record import NonlinearRecord, growing
+from dynid.identification.problem import Problem
+from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.simulation import Simulation
+from dynid.lti.signals import Multisine
+from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.lumped import Link, lumped
+from dynid.structure.nonlinear.laws import Cubic, Jenkins
+from dynid.structure.nonlinear.model_laws import joint_law
+from dynid.structure.ports import Channel, Load
+from tests.identification.cases import diagnostic, parameter
+
+STEP = 1 / 300
+LAWS = {
+    "cubic": (Cubic(), {"k3": 2e8}),
+    "jenkins": (Jenkins(), {"kt": 3e3, "fs": 1.0}),
+}
+
+
+def model(kind, factor=1.0):
+    law, true = LAWS[kind]
+    parameters = [JointParameter(start=factor * x, true=x) for x in true.values()]
+    k, c = (JointParameter(start=factor * x, true=x) for x in (1e4, 4.0))
+    bolt = Joint("bolt", (1, 2), k, c, laws=(joint_law(law, parameters),))
+    return lumped((1.0, 0.7), (Link((1,), 1.5e4, 5.0),), [bolt])
+
+
+def experiment(samples, noise=0.0, amplitude=6.0):
+    force = Multisine([amplitude] * 4, [60, 85, 120, 170], [0.1, 2.0, 4.0, 5.5])
+    channels = (Channel(1, "velocity"), Channel(2, "velocity"))
+    return Experiment((Load(2, force),), Measurement(STEP, samples, channels, Simulation(noise, 1)))
+
+
+def record_of(kind, samples, factor=1.0, **options):
+    (record,) = Problem.of(model(kind, factor), experiment(samples, **options)).likelihood.records
+    assert isinstance(record, NonlinearRecord)
+    return record
+
+
+def truth(record):
+    return np.array([unknown.coordinate(unknown.true) for unknown in record.unknowns])
+
+
+@pytest.mark.parametrize("kind", LAWS)
+def test_derivatives_are_those_of_differences(kind):
+    record = record_of(kind, 40)
+    eta = truth(record)
+    fit = record.fit(eta, record.data.values)
+    predicted, start = record.predicted(fit), fit.predicted.start.copy()
+    start[: record.model.states] += 1e-3 * np.diag(record.root)[: record.model.states]
+    start[record.model.states :] = 0.2
+    base, state_slopes = record._prediction(eta, start)
+    both = np.concatenate([base.by_state, base.by_parameter], axis=2)
+    steps = np.concatenate(
+        [1e-6 * np.maximum(np.abs(start), 1e-3), np.where(np.abs(eta) > 30, 1e-6 * eta, 1e-6)]
+    )
+    for column, step in enumerate(steps):
+        ends = []
+        for side in (step, -step):
+            moved = np.concatenate([start, eta])
+            moved[column] += side
+            ends.append(record._prediction(moved[len(start) :], moved[: len(start)])[0])
+        for name, slopes in (("outputs", both), ("states", state_slopes)):
+            difference = (getattr(ends[0], name) - getattr(ends[1], name)) / (2 * step)
+            size = np.abs(difference).max()
+            assert np.abs(slopes[..., column] - difference).max() < 2e-5 * size, (name, column)
+    assert predicted.outputs.shape == base.outputs.shape
+
+
+def test_a_clean_record_returns_the_truth_and_its_first_states():
+    record = record_of("jenkins", 60, amplitude=12.0)
+    hidden = np.array([0.6])
+    start = np.concatenate([[2e-4, -1e-4, 0.01, 0.02] / record.model.scale, hidden])
+    values = record._prediction(truth(record), start)[0].outputs
+    fit = record.fit(truth(record), values)
+    assert np.abs(fit.residual).max() < 1e-7 * np.abs(values).max()
+    assert fit.predicted.start == pytest.approx(start, rel=1e-3, abs=1e-6)
+
+
+def test_numbers_of_hidden_states_stay_in_their_range():
+    record = record_of("jenkins", 40)
+    fit = record.fit(truth(record), 30 * record.data.values)
+    assert np.abs(fit.predicted.start[record.model.states :]).max() <= 5.0
+    assert np.isfinite(fit.residual).all()
+
+
+def test_output_error_finds_a_cubic_spring():
+    problem = model("cubic", 0.95)
+    result = identify(problem, experiment(60, 0.01), OutputError())
+    error = (parameter(result, "estimate") - parameter(result, "true")) / parameter(result, "standard_error")
+    assert np.abs(error).max() < 4
+    assert diagnostic(result, "optimum")
+    assert parameter(result, "standard_error") == pytest.approx(parameter(result, "cramer_rao"), rel=0.4)
+    assert "identification/nonlinearity/p" not in result
+    band = result["identification/states/standard_deviation"].data
+    assert band.shape == (60, 4)
+    assert (band > 0).all()
+
+
+def test_parts_of_records_grow():
+    likelihood = Problem.of(model("jenkins"), experiment(64)).likelihood
+    parts = growing(likelihood, (8, 2))
+    assert [len(part.records[0].times) for part in parts] == [18, 32]
+    assert np.array_equal(parts[1].records[0].data.values, likelihood.records[0].data.values[:32])
+
+
+def test_what_superposes_is_refused():
+    with pytest.raises(UsageError, match="filter's steps are those of a linear model"):
+        identify(model("cubic"), experiment(30), Filter())
+    likelihood = Problem.of(model("cubic"), experiment(30)).likelihood
+    assert not likelihood.records[0].superposes
+    with pytest.raises(UsageError, match="a delay is unknown"):
+        _delayed()
+
+
+def _delayed():
+    from dynid.arithmetic.dependent import Dependent
+    from dynid.parameters import Parameter
+
+    late = Parameter("late", 1e-3, scale="linear")
+    delayed = replace(model("cubic"), parameters=(late,))
+    (load,), measured = experiment(30)
+    load = load._replace(delay=Dependent.parameter("late", 1e-3))
+    identify(delayed, Experiment((load,), replace(measured, source=np.ones((30, 2)))), OutputError())
+
+
+@pytest.mark.slow
+def test_the_default_estimator_finds_a_slider_from_a_poor_start():
+    result = identify(model("jenkins", 0.5), experiment(200, 0.01, 12.0), Auto())
+    error = (parameter(result, "estimate") - parameter(result, "true")) / parameter(result, "standard_error")
+    assert np.abs(error).max() < 5
