@@ -1,0 +1,125 @@
+"""Graphs whose loops have delays as linear fractional forms: responses, zeros and samples."""
+
+import math
+
+import numpy as np
+import pytest
+
+import dynid
+from dynid.bondgraph.delayed_response import delayed_response
+from dynid.bondgraph.delayed_states import delay_system
+from dynid.errors import NumericalError, SceneError, UsageError
+from dynid.scene.batch import run_batch
+from dynid.scene.kinds.bond_graph import question
+from dynid.scene.load import check_source
+from dynid.scene.yaml.source import parse_source
+
+
+def scene(text):
+    return check_source(parse_source(f"dynid: 1\nkind: bond-graph\n{text}", "late.yaml"))
+
+
+TWO = """
+graph:
+  nodes: {u: Se, j: 1, m: {type: I, value: 1}, b: {type: R, value: 0.4}, t: {type: TF, value: 2}, p: 0,
+          k: {type: C, value: 1}, s: Sf, g: {type: GY, value: 3}, q: 1, i: {type: I, value: 2}, act: Se}
+  bonds: [u -> j, act -> j, j -> m, j -> b, j -> t -> p, p -> k, s -> p, p -> g -> q, q -> i]
+analysis: {inputs: [u, w, r], outputs: [k.q, j.f, act.e, q.f], results: [properties]}
+control:
+  loops:
+  - {from: k.q, to: act, controller: {pid: {kp: 1, ki: 0.3, kd: 0.4, tf: 0.05}, delay: 0.3}, setpoint: w}
+  - {from: i.p, to: s, controller: {numerator: [1, 2], denominator: [1, 3, 1], delay: 0.7}, reference: r}
+  - {from: b.e, to: act, controller: {gain: 0.2}}
+"""
+
+
+def test_the_form_has_the_frequency_response_of_the_graph():
+    _, analysis = question(scene(TWO))
+    arguments = analysis.opened, analysis.loops, analysis.inputs, analysis.outputs
+    system, _ = delay_system(*arguments)
+    assert [float(delay) for delay in system.delays] == [0.3, 0.7]
+    omega, lft = np.geomspace(0.05, 50, 15), system.lft
+    expected = delayed_response(*arguments)(omega)
+    for frequency, response in zip(omega, expected, strict=True):
+        s = 1j * frequency
+        G = lft.C @ np.linalg.solve(s * np.eye(len(lft.A)) - lft.A, lft.B) + lft.D
+        late = np.diag(np.exp(-s * np.array([0.3, 0.7])))
+        y, u = slice(system.outputs), slice(system.inputs)
+        z, v = slice(system.outputs, None), slice(system.inputs, None)
+        closed = G[y, u] + G[y, v] @ late @ np.linalg.solve(np.eye(2) - G[z, v] @ late, G[z, u])
+        np.testing.assert_allclose(closed, response, rtol=1e-11, atol=1e-14)
+
+
+MASS = """
+graph: {nodes: {u: Se, F: Se, j: 1, m: {type: I, value: 1}}, bonds: [u -> j, F -> j, j -> m]}
+control: {loops: [{from: m.f, to: u, controller: {gain: 0.8, delay: DELAY}, reference: r}]}
+analysis: {outputs: [m.f], inputs: [F, r], results: [time_response], time: {stop: 8, step: 0.5INPUT}}
+"""
+
+
+def polynomials(time):
+    """The step response of x' = 1 - 0.8 x(t - 1)."""
+    terms = range(int(time) + 1)
+    return sum((-0.8) ** k * (time - k) ** (k + 1) / math.factorial(k + 1) for k in terms)
+
+
+def test_an_integrator_responds_to_steps_of_each_source_and_to_its_initial_flow():
+    times = np.arange(17) / 2
+    expected = [polynomials(time) for time in times]
+    result = dynid.run(scene(MASS.replace("DELAY", "1").replace("INPUT", "")))
+    response = result["bond_graph/time_response/response"].data  # each source alone
+    for source in (0, 1):
+        assert response[:, 0, source] == pytest.approx(expected, abs=1e-13)
+    assert result["bond_graph/time_response/error_estimate"].data.max() < 1e-12
+    text = MASS.replace("DELAY", "1").replace("INPUT", "") + "initial: {m: {f: 2}}\n"
+    free = dynid.run(scene(text))["bond_graph/time_response/response"].data[:, 0]
+    steps = [
+        sum((-0.8) ** k * (time - k) ** k / math.factorial(k) for k in range(int(time) + 1)) for time in times
+    ]
+    assert free == pytest.approx(2 * np.array(steps), abs=1e-13)
+
+
+def test_what_is_too_long_or_advanced_is_refused():
+    with pytest.raises(UsageError, match="8,000,000 segments or more, one in every delay of 1e-06 s"):
+        dynid.run(scene(MASS.replace("DELAY", "1.0e-6").replace("INPUT", "")))
+    advanced = MASS.replace("gain: 0.8", "numerator: [1, 0, 0], denominator: [0.1, 1]").replace(
+        "type: I", "type: R"
+    )
+    with pytest.raises(NumericalError, match="advanced"):
+        dynid.run(scene(advanced.replace("DELAY", "1").replace("INPUT", "")))
+    law = MASS.replace("value: 1}}", "value: 1}, R: {type: R, law: {e: 'f + f**3'}}}").replace(
+        "j -> m]", "j -> m, j -> R]"
+    )
+    with pytest.raises(SceneError, match="the response of nonlinear laws is not computed"):
+        scene(law.replace("DELAY", "1").replace("INPUT", ""))
+
+
+def test_a_feed_forward_with_a_delay_has_zeros_of_its_own():
+    """(1 + 0.5 e^(-s)) d drives the mass: zeros at ln 0.5 ± jπ, no dead time."""
+    result = dynid.run(
+        scene("""
+graph:
+  nodes: {d: Se, u: Se, j: 1, m: {type: I, value: 1}, b: {type: R, value: 1}}
+  bonds: [d -> j, u -> j, j -> m, j -> b]
+control: {loops: [{from: d.e, to: u, controller: {gain: -0.5, delay: 1}}]}
+analysis: {inputs: [d], outputs: [m.f], results: [zeros, poles, properties]}
+""")
+    )
+    group = "bond_graph/transfer_function/m.f/d"
+    zeros = result[f"{group}/zeros"]
+    assert zeros.data[:2] == pytest.approx(
+        [complex(math.log(0.5), sign * math.pi) for sign in (1, -1)], rel=1e-12
+    )
+    assert result[f"{group}/poles"].data.tolist() == [-1]
+    properties = "bond_graph/properties/m.f/d"
+    assert result.value(f"{properties}/minimum_phase") is True
+    assert result.value(f"{properties}/order") == 1
+    assert f"{properties}/hidden_modes" not in result
+
+
+def test_samples_of_a_study_have_the_delay_as_it_is():
+    plain = scene(MASS.replace("DELAY", "1").replace("INPUT", ""))
+    path = "bond_graph/time_response/response"
+    outcomes = run_batch(plain, [{"graph.nodes.m.value": 2}], (path,))
+    (block,) = outcomes.blocks
+    assert block.values[path].data[0, 2, 0, 0] == pytest.approx(0.5, abs=1e-13)
