@@ -67,7 +67,7 @@ def oracle(force, x0, z0=0.0, method="DOP853"):
 
     times = np.arange(SAMPLES) * STEP
     solution = solve_ivp(
-        rates, (0, times[-1]), np.r_[x0, z0], method, times, rtol=1e-10, atol=1e-13, max_step=STEP / 4
+        rates, (0, times[-1]), np.r_[x0, z0], method, times, rtol=1e-9, atol=1e-12, max_step=STEP / 2
     )
     return solution.y[:4].T
 
@@ -108,24 +108,44 @@ def test_a_motion_is_that_of_an_integrator_without_events(name):
     law, values, force = LAWS[name]
     motion = march(rest(), [BoundLaw(law, values)], steps(), np.zeros(4), np.zeros(1))
     expected = oracle(force, np.zeros(4))
-    tolerance = 1e-6 if name == "half power" else 2e-8  # its slope has an infinite derivative at 0
+    tolerance = 1e-6 if name == "half power" else 1e-7  # its slope has an infinite derivative at 0
     assert np.abs(motion.states - expected).max(axis=0) == pytest.approx(
         0, abs=tolerance * np.abs(expected).max()
     )
     assert (motion.events == 0) == (name == "cubic")
 
 
+def columns_of(count):
+    """Return what the joint's stiffness, the parameters of a law and the offset act on."""
+    p = count + 2
+    by_rows, by_law = np.zeros((p, 1, 1)), np.zeros((count + 1, p))
+    by_rows[0], by_law[:, 1:] = 1.0, np.eye(count + 1)
+    return Columns(by_rows, np.zeros((p, 1, 1)), np.zeros((p, 1, 1)), (by_law,))
+
+
+@pytest.mark.parametrize("name", [name for name in LAWS if name != "expression"])
+def test_the_march_in_c_is_that_in_numpy(name, monkeypatch):
+    law, values, _ = LAWS[name]
+    used, motions = steps()._replace(samples=np.arange(40)), []
+    for compiled in ("0", "auto"):
+        monkeypatch.setenv("DYNID_COMPILED", compiled)
+        laws = [BoundLaw(law, values, 0, 3e-4), BoundLaw(Cubic(), (1e5,), 0)]
+        by = columns_of(len(values))
+        by = by._replace(laws=(*by.laws, np.zeros((2, len(values) + 2))))
+        x0, z0 = np.array([1e-3, 0, -0.2, 0.1]), np.array([1e-4, 0.0])
+        motions.append(march(rest(1), laws, used, x0, z0, by, first=True, impulse=(3, np.r_[0, 0, 0, 0.1])))
+    for numpy, c in zip(*motions, strict=True):
+        assert c == pytest.approx(numpy, rel=1e-9, abs=1e-11 * np.abs(numpy).max())
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_sensitivities_are_differences(name):
     law, values, _ = LAWS[name]
     count = len(values)
-    p = count + 2  # the joint's stiffness, the law's parameters, the offset
-    by_rows, by_law = np.zeros((p, 1, 1)), np.zeros((count + 1, p))
-    by_rows[0], by_law[:, 1:] = 1.0, np.eye(count + 1)
-    columns = Columns(by_rows, np.zeros((p, 1, 1)), np.zeros((p, 1, 1)), (by_law,))
+    columns = columns_of(count)
     at = np.r_[0.0, values, 3e-4 * law.preloaded, 1e-3, -1e-3, 0.1, 0.05, 2e-4 * law.hidden]
     sizes = np.r_[1000.0, values, 1e-2, np.full(2, 1e-2), np.ones(2), 1e-2]
-    used = steps()
+    used = steps()._replace(samples=np.arange(20 if name == "expression" else SAMPLES))
 
     def moved(point, *, sensitive=False):
         model = rest(1)

@@ -27,8 +27,8 @@ ABI = 6
 _NO_MEMORY = -(2**63)
 
 
-def compiled() -> bool:
-    """Return True if the library is to be used.
+def compiled(function: str = "") -> bool:
+    """Return True if the library is to be used, and has a function, which an older one may lack.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def compiled() -> bool:
             remedy="Install it again where there is a C compiler, or set it to auto.",
             names=(VARIABLE,),
         )
-    return wish != "0" and found() is not None
+    return wish != "0" and found() is not None and (not function or hasattr(found(), function))
 
 
 @cache

@@ -406,7 +406,7 @@ class BoundLaw:
         return self.offset if self.law.preloaded else 0.0
 
     @cached_property
-    def _static(self) -> Slopes:
+    def static(self) -> Slopes:
         """The force of the preload alone."""
         if not self._shift:
             return Slopes(0.0, p=(0.0,) * len(self.values))
@@ -416,7 +416,7 @@ class BoundLaw:
 
     def force(self, regime: int, d: Any, v: Any, z: Any) -> Slopes:
         """Return the force, with its slopes by the parameters and by the offset."""
-        f, static = self.law.force(self.values, regime, d + self._shift, v, z), self._static
+        f, static = self.law.force(self.values, regime, d + self._shift, v, z), self.static
         by_p = [slope - at_rest for slope, at_rest in zip(f.p, static.p, strict=True)]
         return f._replace(value=f.value - static.value, p=(*by_p, (f.d - static.d) * self.law.preloaded))
 

@@ -1,0 +1,156 @@
+"""The march by machine code (`native/march.c`): the same steps, in a hundredth of the time.
+
+The code stops where the laws enter a combination of regimes for the first time; its tables are made here,
+and it goes on. Laws that have no `code`, and structures whose eigenvectors are ill conditioned, are left to NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dynid.arrays import Array
+from dynid.native import call, structure
+from dynid.structure.nonlinear.laws import BoundLaw
+from dynid.structure.nonlinear.tables import (
+    NODES,
+    SCAN,
+    Columns,
+    LinearRest,
+    Motion,
+    Refine,
+    Regime,
+    Steps,
+    first_regimes,
+    lobatto,
+)
+
+# What `dynid_march` returns.
+_DONE, _NEEDS_REGIME, _NOT_DIAGONAL = 0, 1, 2
+# Parameters of a law, without its offset.
+_PARAMETERS = 3
+
+
+def _plain(array: Any) -> Array:
+    return np.require(array, float, ["C", "W"])
+
+
+def _padded(numbers: Sequence[float], width: int) -> list[float]:
+    return [*numbers, *[0.0] * (width - len(numbers))]
+
+
+def march(
+    rest: LinearRest,
+    laws: Sequence[BoundLaw],
+    steps: Steps,
+    x0: Array,
+    z0: Array,
+    columns: Columns | None,
+    *,
+    first: bool,
+    impulse: tuple[int, Array] | None,
+) -> Motion | None:
+    """Return the motion as `march.march`; None where NumPy has to follow it. Raises Refine as that."""
+    n, nf, nl = len(x0), rest.forces, len(laws)
+    p = 0 if columns is None else len(columns.by_rows)
+    q, samples = p + (n + nl) * first, len(steps.samples)
+    lengths, which = np.unique(steps.lengths, return_inverse=True)
+    sample = np.full(len(steps.lengths) + 1, -1, dtype=np.int64)
+    sample[steps.samples] = np.arange(samples)
+    last = int(steps.samples[-1])
+    c, L, integrals = lobatto()
+    S, T = np.zeros((n, q)), np.zeros((nl, q))
+    if first:
+        S[:, p : p + n], T[:, p + n :] = np.eye(n), np.eye(nl)
+    acceleration = rest.rows[nf : 2 * nf]
+    state = {
+        "x": x0.copy(), "z": z0.copy(), "S": S, "T": T, "work": np.zeros(nf), "done": np.zeros(1),
+        "wanted": np.zeros(2 * nf), "state": np.array(first_regimes(rest, laws, x0, z0), dtype=np.int64),
+        "at": np.zeros(4, dtype=np.int64),
+    }  # fmt: skip
+    out = {
+        "states": np.empty((samples, n)), "hidden": np.empty((samples, nl)),
+        "forces": np.empty((samples, nf)), "works": np.empty((samples, nf)), "slopes": np.empty((samples, n, q)),
+        "force_slopes": np.empty((samples, nf, q)), "hidden_slopes": np.empty((samples, nl, q)),
+        "regime_of": np.empty((samples, nl), dtype=np.int64),
+    }  # fmt: skip
+    fixed = {
+        "rows": rest.rows, "D": rest.D, "rate_A": acceleration @ rest.A, "rate_D": acceleration @ rest.D,
+        "codes": np.array([law.law.code for law in laws], dtype=np.int64),
+        "places": np.array([law.row for law in laws], dtype=np.int64),
+        "options": [_padded(law.law.options, 4) for law in laws],
+        "values": [_padded(law.values, _PARAMETERS) for law in laws],
+        "offsets": [law.offset for law in laws],
+        "statics": [
+            [float(law.static.value), float(law.static.d), *_padded([float(s) for s in law.static.p], 3)]
+            for law in laws
+        ],
+        "by_laws": np.zeros((nl, _PARAMETERS + 1, p)),
+        "by_rows": np.zeros(0), "by_loads": np.zeros(0), "by_forces": np.zeros(0),
+        "h": lengths, "coefficients": steps.coefficients, "nodes": c, "basis": L, "integrals": integrals,
+        "scan": SCAN, "scan_basis": np.vander(SCAN, NODES, increasing=True) @ L.T,
+        "jump": np.zeros(n) if impulse is None else impulse[1],
+        "which": which.astype(np.int64), "sample": sample,
+    }  # fmt: skip
+    if columns is not None:
+        for index, by in enumerate(columns.laws):
+            fixed["by_laws"][index, : len(by) - 1], fixed["by_laws"][index, -1] = by[:-1], by[-1]
+        fixed |= {"by_rows": columns.by_rows, "by_loads": columns.by_loads, "by_forces": columns.by_forces}
+    integers = {"codes", "places", "which", "sample"}
+    fixed = {name: array if name in integers else _plain(array) for name, array in fixed.items()}
+    regimes: list[Regime] = []
+    tables = _tables(rest, regimes, lengths)
+    while True:
+        members = structure(
+            n=n, nf=nf, nu=rest.loads, nd=rest.D.shape[1], nr=len(rest.rows), nl=nl, q=q, p=p,
+            m=tables.pop("m"), steps=last, lengths=len(lengths), regimes=len(regimes), scans=len(SCAN),
+            impulse=-1 if impulse is None else impulse[0], **fixed, **tables, **state, **out,
+        )  # fmt: skip
+        status = call("dynid_march", members)
+        if status == _DONE:
+            break
+        if status == _NOT_DIAGONAL:
+            return None
+        if status != _NEEDS_REGIME:
+            raise Refine("the joint forces of a step do not converge, or their regimes change without end")
+        regimes.append(Regime(rest, state["wanted"][:nf].copy(), state["wanted"][nf:].copy()))
+        tables = _tables(rest, regimes, lengths)
+    return Motion(
+        *(out[name] for name in ("states", "hidden", "forces", "regime_of", "works")),
+        *(out[name] for name in ("slopes", "force_slopes", "hidden_slopes")),
+        int(state["at"][1]),
+        int(state["at"][2]),
+    )  # fmt: skip
+
+
+def _tables(rest: LinearRest, regimes: Sequence[Regime], lengths: Array) -> dict[str, Any]:
+    """Return the tables and modes of the regimes, one after the other, as the code has them."""
+    regular = [[regime.tables(float(h), regular=True) for h in lengths] for regime in regimes]
+    arrays: dict[str, Any] = {
+        "k": [regime.k for regime in regimes], "c": [regime.c for regime in regimes],
+        "P": [[table.P for table in row] for row in regular],
+        "Q": [[table.Q for table in row] for row in regular],
+        "TR": [[table.rows for table in row] for row in regular],
+        "TI": [[table.influence for table in row] for row in regular],
+    }  # fmt: skip
+    # Of a pair of conjugate modes the one above the real axis, twice; modes that are absent are zeros.
+    n, m = len(rest.A), 1
+    kept = [
+        np.zeros(0, dtype=int) if r.modes is None else np.flatnonzero(r.modes[0].imag >= 0) for r in regimes
+    ]
+    m = max([1, *map(len, kept)])
+    shapes = {"lam": (m,), "V": (n, m), "iV": (m, n), "iVD": (m, rest.D.shape[1]), "RV": (len(rest.rows), m)}
+    modes = {name: np.zeros((len(regimes), *shape), dtype=complex) for name, shape in shapes.items()}
+    for index, (regime, keep) in enumerate(zip(regimes, kept, strict=True)):
+        if regime.modes is None:
+            continue
+        lam, V, inverse = regime.modes
+        count, V = len(keep), V[:, keep] * np.where(lam[keep].imag > 0, 2.0, 1.0)
+        modes["lam"][index, :count], modes["V"][index, :, :count] = lam[keep], V
+        modes["iV"][index, :count], modes["iVD"][index, :count] = inverse[keep], inverse[keep] @ rest.D
+        modes["RV"][index, :, :count] = rest.rows @ V
+    arrays |= {name: array.view(float) for name, array in modes.items()}
+    diagonal = np.array([regime.modes is not None for regime in regimes], dtype=np.int64)
+    return {"m": m, **{name: _plain(array) for name, array in arrays.items()}, "diagonal": diagonal}

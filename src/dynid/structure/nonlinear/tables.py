@@ -1,0 +1,247 @@
+"""The linear rest of a structure for the march: exact tables of its steps in each regime, and the loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property
+from math import factorial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.arrays import Array, ComplexArray
+from dynid.errors import NumericalError
+from dynid.lti.exponential import exponential
+from dynid.lti.timeline import Timeline
+from dynid.structure.nonlinear.laws import BoundLaw
+
+#: Lobatto nodes of a step.
+NODES = 5
+#: Degree of the polynomials of the loads within a step.
+LOAD_DEGREE = 8
+#: Points of a step at which guards are checked.
+SCAN = np.unique(np.concatenate([np.linspace(0, 1, 17)[1:], [1e-3, 1e-2]]))
+# Condition of the eigenvectors beyond which a part of a step is propagated by matrix exponentials.
+_MAX_CONDITION = 1e5
+
+
+@cache
+def lobatto() -> tuple[Array, Array, Array]:
+    """Return the nodes (s) in [0, 1], coefficients (s x s) of their polynomials, and weights of integrals.
+
+    Row j holds the monomial coefficients of the polynomial that is 1 at node j; the weights (s x s) are its
+    integrals up to each node.
+    """
+    inner = np.polynomial.legendre.Legendre.basis(NODES - 1).deriv().roots()
+    c = np.concatenate([[0.0], (1 + np.sort(np.real(inner))) / 2, [1.0]])
+    L = np.linalg.inv(np.vander(c, increasing=True)).T
+    k = np.arange(1, NODES + 1)
+    return c, L, (c[:, None] ** k / k) @ L.T
+
+
+@cache
+def _load_points() -> tuple[Array, Array]:
+    """Return the points in [0, 1] at which loads are evaluated, and the matrix to their polynomials."""
+    x = (1 - np.cos(np.pi * np.arange(LOAD_DEGREE + 1) / LOAD_DEGREE)) / 2
+    return x, np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * x - 1, LOAD_DEGREE))
+
+
+class LinearRest(NamedTuple):
+    """The structure without its laws, ``x' = A x + D [f, u, g]``, and what is read within a step.
+
+    `A` (n x n); `D` (n x nf + nu + r): directions of joint forces f, loads u and further ones g; `rows` (2 nf
+    + w x n): deflections, their rates, and further rows. A joint force is positive where it resists the
+    deflection: its directions have the sign that this needs.
+    """
+
+    A: Array
+    D: Array
+    rows: Array
+    forces: int
+    loads: int
+
+
+class Columns(NamedTuple):
+    """What the parameters (p) act on: force of the further directions, and parameters of the laws.
+
+    `by_rows` (p x r x w), `by_loads` (p x r x nu), `by_forces` (p x r x nf): the force of column p in the
+    further directions is ``by_rows w + by_loads u + by_forces f``; `laws`: of each law the derivatives
+    (parameters and offset x p).
+    """
+
+    by_rows: Array
+    by_loads: Array
+    by_forces: Array
+    laws: tuple[Array, ...]
+
+
+class Motion(NamedTuple):
+    """A motion at the times asked for.
+
+    `states` (times x n), `hidden` (times x laws), `forces` (times x nf), `regimes` (times x laws), `work`
+    (times x nf): done on the laws, J; `slopes` (times x n x q), `force_slopes` (times x nf x q),
+    `hidden_slopes` (times x laws x q): by parameters (p), first state (n) and first hidden states (laws);
+    `events`: their number.
+    """
+
+    states: Array
+    hidden: Array
+    forces: Array
+    regimes: Array
+    work: Array
+    slopes: Array
+    force_slopes: Array
+    hidden_slopes: Array
+    events: int
+    steps: int
+
+
+class Refine(NumericalError):
+    """A step is too long for its iteration or its events."""
+
+
+def first_regimes(rest: LinearRest, laws: Sequence[BoundLaw], x0: Array, z0: Array) -> list[int]:
+    """Return the regimes in which a motion starts."""
+    w, nf = rest.rows @ x0, rest.forces
+    return [
+        law.regime(float(w[law.row]), float(w[nf + law.row]), float(z))
+        for law, z in zip(laws, z0, strict=True)
+    ]
+
+
+class Tables(NamedTuple):
+    """A step of length h: exact responses at its nodes (1 … s - 1) and at its end."""
+
+    h: float
+    P: Array  # of the state at the end to that at the beginning (n x n)
+    Q: Array  # … to forces at the nodes (n x s x nd)
+    rows: Array  # of the rows at the nodes to the state (s - 1 x rows x n)
+    influence: Array  # … to forces at the nodes (s - 1 x rows x s x nd)
+
+
+class Regime:
+    """The rest with the tangents of the laws in some regimes."""
+
+    def __init__(self, rest: LinearRest, k: Array, c: Array) -> None:
+        nf = rest.forces
+        self.k, self.c, self.D, self.R = k, c, rest.D, rest.rows
+        fold = k[:, None] * rest.rows[:nf] + c[:, None] * rest.rows[nf : 2 * nf]
+        self.A = rest.A + rest.D[:, :nf] @ fold
+        self._regular: dict[float, Tables] = {}
+
+    def tables(self, h: float, *, regular: bool) -> Tables:
+        """Return the tables of a step; those of a regular one are kept."""
+        if not regular:
+            return self._by_modes(h) if self.modes is not None else self._by_exponentials(h)
+        if h not in self._regular:
+            self._regular[h] = self._by_exponentials(h)
+        return self._regular[h]
+
+    def _assembled(self, h: float, P: Array, QD: Array) -> Tables:
+        """Return tables of the states at the nodes (P: s - 1 x n x n, QD: s - 1 x s x n x nd)."""
+        rows = self.R @ P
+        influence = (self.R @ QD).swapaxes(1, 2)
+        return Tables(
+            h, P[-1], np.ascontiguousarray(QD[-1].swapaxes(0, 1)), rows, np.ascontiguousarray(influence)
+        )
+
+    def _by_exponentials(self, h: float) -> Tables:
+        """Return tables by matrix exponentials joined with the polynomials of the forces."""
+        c, L, _ = lobatto()
+        n, nd = self.D.shape
+        size = n + NODES * nd
+        P, QD = np.empty((NODES - 1, n, n)), np.empty((NODES - 1, NODES, n, nd))
+        for e in range(1, NODES):
+            joint = np.zeros((size, size))
+            joint[:n, :n], joint[:n, n : n + nd] = self.A, self.D
+            joint[n:, n:] = np.eye(NODES * nd, k=nd) / (c[e] * h)
+            E = exponential(joint, c[e] * h)
+            P[e - 1] = E[:n, :n]
+            phi = E[:n, n:].reshape(n, NODES, nd)  # (c h) phi_(k+1) D
+            weights = L * [factorial(k) * c[e] ** k for k in range(NODES)]
+            QD[e - 1] = np.einsum("jk,ikd->jid", weights, phi)
+        return self._assembled(h, P, QD)
+
+    @cached_property
+    def modes(self) -> tuple[ComplexArray, ComplexArray, ComplexArray] | None:
+        """Eigenvalues (n), eigenvectors and their inverse (n x n); None where these are ill conditioned."""
+        lam, V = np.linalg.eig(self.A)
+        condition = np.linalg.cond(V)
+        if not (np.isfinite(condition) and condition < _MAX_CONDITION):
+            return None
+        return lam.astype(complex), V.astype(complex), np.linalg.inv(V).astype(complex)
+
+    def _by_modes(self, h: float) -> Tables:
+        """Return tables by the eigenvalues."""
+        assert self.modes is not None
+        lam, V, inverse = self.modes
+        c, L, _ = lobatto()
+        phi = phi_functions(np.outer(c[1:], lam * h), NODES)  # s + 1 x s - 1 x n
+        powers = np.array([[factorial(k) * ce ** (k + 1) for k in range(NODES)] for ce in c[1:]])
+        Q = h * np.einsum("jk,ek,kem->ejm", L, powers, phi[1:])
+        P = ((V * phi[0][:, None, :]) @ inverse).real
+        QD = ((V * Q[:, :, None, :]) @ (inverse @ self.D)).real
+        return self._assembled(h, P, QD)
+
+
+def phi_functions(z: Array, order: int) -> Array:
+    """Return phi_0 … phi_order of numbers z (order + 1 x …): phi_0 = exp, z phi_(k+1) = phi_k - 1 / k!."""
+    out = np.empty((order + 1, *z.shape), dtype=complex)
+    out[0] = np.exp(z)
+    large = np.abs(z) > 1.0
+    far = np.where(large, z, 1.0)
+    for k in range(order):
+        out[k + 1] = (out[k] - 1 / factorial(k)) / far
+    near = np.where(large, 0.0, z)
+    term = np.full(z.shape, 1 / factorial(order), dtype=complex)
+    last = term.copy()
+    for k in range(1, 20):
+        term = term * near / (order + k)
+        last += term
+    out[order] = np.where(large, out[order], last)
+    for k in range(order - 1, 0, -1):
+        out[k] = np.where(large, out[k], near * out[k + 1] + 1 / factorial(k))
+    return out
+
+
+class Steps(NamedTuple):
+    """Regular steps, and the loads there.
+
+    `lengths` (steps), s; `coefficients` (steps x degree + 1 x nu): loads as Chebyshev polynomials over each
+    step; `samples`: the ends of steps (0: the beginning) at which the motion is returned, ascending.
+    """
+
+    lengths: Array
+    coefficients: Array
+    samples: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, line: Timeline, parts: int, added: Callable[[Array], Array] | None = None) -> Steps:
+        """Return the steps of a timeline, `parts` in each of its intervals.
+
+        `added` returns what is added to its inputs at times (times x nu).
+        """
+        points = (np.arange(parts)[:, None] + load_points()) / parts
+        values = np.empty((len(line.which), *points.shape, len(line.H)))
+        for k, h in enumerate(line.lengths):
+            here = line.which == k
+            readout = np.array([line.H @ exponential(line.G, h * theta) for theta in points.ravel()])
+            values[here] = np.einsum("iq,tuq->itu", line.W[:-1][here], readout).reshape(-1, *values.shape[1:])
+        if added is not None:
+            times = line.nodes[:-1, None, None] + line.lengths[line.which][:, None, None] * points
+            values += added(times.ravel()).reshape(values.shape)
+        values = values.reshape(-1, len(load_points()), len(line.H))
+        lengths = np.repeat(line.lengths[line.which] / parts, parts)
+        return cls(lengths, np.einsum("kp,spu->sku", _load_points()[1], values), line.wanted * parts)
+
+    def at(self, step: int, theta: Array) -> Array:
+        """Return the loads at parts theta of a step (theta x nu)."""
+        return np.asarray(
+            np.polynomial.chebyshev.chebvander(2 * theta - 1, LOAD_DEGREE) @ self.coefficients[step]
+        )
+
+
+def load_points() -> Array:
+    """Return the points in [0, 1] of a step at which loads are evaluated (degree + 1)."""
+    return _load_points()[0]
