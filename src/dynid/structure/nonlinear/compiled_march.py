@@ -1,7 +1,8 @@
 """The march by machine code (`native/march.c`): the same steps, in a hundredth of the time.
 
 The code stops where the laws enter a combination of regimes for the first time; its tables are made here,
-and it goes on. Laws that have no `code`, and structures whose eigenvectors are ill conditioned, are left to NumPy.
+and it goes on. Laws that have no `code`, and structures whose eigenvectors are ill conditioned, are left to
+NumPy.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ def march(
     }  # fmt: skip
     out = {
         "states": np.empty((samples, n)), "hidden": np.empty((samples, nl)),
-        "forces": np.empty((samples, nf)), "works": np.empty((samples, nf)), "slopes": np.empty((samples, n, q)),
-        "force_slopes": np.empty((samples, nf, q)), "hidden_slopes": np.empty((samples, nl, q)),
+        "forces": np.empty((samples, nf)), "works": np.empty((samples, nf)),
+        "slopes": np.empty((samples, n, q)), "force_slopes": np.empty((samples, nf, q)), "hidden_slopes": np.empty((samples, nl, q)),
         "regime_of": np.empty((samples, nl), dtype=np.int64),
     }  # fmt: skip
     fixed = {
