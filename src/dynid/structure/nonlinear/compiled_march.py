@@ -74,7 +74,8 @@ def march(
     out = {
         "states": np.empty((samples, n)), "hidden": np.empty((samples, nl)),
         "forces": np.empty((samples, nf)), "works": np.empty((samples, nf)),
-        "slopes": np.empty((samples, n, q)), "force_slopes": np.empty((samples, nf, q)), "hidden_slopes": np.empty((samples, nl, q)),
+        "slopes": np.empty((samples, n, q)), "force_slopes": np.empty((samples, nf, q)),
+        "hidden_slopes": np.empty((samples, nl, q)),
         "regime_of": np.empty((samples, nl), dtype=np.int64),
     }  # fmt: skip
     fixed = {
