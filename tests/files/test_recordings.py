@@ -548,3 +548,72 @@ def test_fields_of_structures_are_columns(tmp_path):
         layout=TableLayout(time="Track1/time"),
     )
     np.testing.assert_array_equal(measured, np.column_stack([ACC, 2 * ACC, FORCE]))
+
+
+# --- Files of one record -----------------------------------------------------------------------------
+
+TWO = """
+dynid: 1
+kind: identification
+structure: {{lumped: {{masses: [1.2, 0.8], links: [{{dofs: [1], k: 1.5e4, c: 4}}]}}}}
+joints: {{bolt: {{dofs: [1, 2], k: {{start: 0.9e4}}, c: {{start: 2}}}}}}
+excitation: [{{dof: 1, kind: file, path: {force}, column: force}}]
+measurement:
+  step: 0.002
+  samples: 300
+  channels: [{{dof: 2, quantity: acceleration}}, {{dof: 1, quantity: acceleration}}]
+  file: {file}
+"""
+
+
+def read_record(folder, file, force="r.csv"):
+    from dynid.scene.kinds.measurements import measurements_of
+    from dynid.scene.kinds.parts import structure_of
+
+    (folder / "scene.yaml").write_text(TWO.format(file=file, force=force))
+    scene = load_scene(folder / "scene.yaml")
+    return measurements_of(scene, structure_of(scene))[0].measurement
+
+
+def test_channels_of_several_files_are_one_record(tmp_path):
+    from scipy.io import wavfile
+
+    write_csv(tmp_path / "r.csv")
+    wavfile.write(tmp_path / "b.wav", 500, np.column_stack([ACC, 2 * ACC]))
+    both = "{path: r.csv, columns: [acc], beside: [{path: b.wav, columns: [2]}]}"
+    measured = read_record(tmp_path, both)
+    np.testing.assert_allclose(measured.source, np.column_stack([9.80665 * ACC, 2 * ACC]), rtol=1e-15)
+    alone = read_record(tmp_path, "{path: b.wav, beside: []}")
+    np.testing.assert_array_equal(alone.source, np.column_stack([ACC, 2 * ACC]))
+    for file, message in (
+        (
+            both.replace(", columns: [2]", ""),
+            "the files of the record have 3 columns of numbers, 'channels' has 2",
+        ),
+        (both.replace("b.wav", "none.wav"), "none.wav is no file"),
+        (both.replace("acc]", "acc, force]"), "'columns' names 3, but 'channels' has 2"),
+    ):
+        with pytest.raises(Exception, match=message) as caught:
+            read_record(tmp_path, file)
+        assert message in str(caught.value)
+    wavfile.write(tmp_path / "b.wav", 500, np.column_stack([ACC, ACC])[:200])
+    with pytest.raises(FileError, match="has 200 samples, but the scene asks for 300"):
+        read_record(tmp_path, both)
+
+
+def test_files_and_signals_of_one_record_have_one_start(tmp_path):
+    write_csv(tmp_path / "r.csv")
+    write_csv(tmp_path / "late.csv", times=T + 0.5)
+    both = "{path: r.csv, columns: [acc], beside: [{path: late.csv, columns: [acc]}]}"
+    with pytest.raises(FileError, match=r"late\.csv starts at 0\.5 s, the others of the record at 0 s"):
+        read_record(tmp_path, both)
+    path = write_tdms(
+        tmp_path / "r.tdms",
+        {
+            "A": {"acc": (ACC, waveform()), "b": (ACC, waveform())},
+            "B": {"force": (FORCE, waveform(offset=0.01))},
+        },
+    )
+    with pytest.raises(FileError, match=r"r\.tdms starts at 0\.01 s, the others of the record at 0 s"):
+        read_record(tmp_path, "{path: r.tdms, group: A}", path.name)
+    read_record(tmp_path, "{path: late.csv, columns: [acc, acc]}")  # files of their own have their own zero

@@ -18,18 +18,22 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _PLAIN = TableLayout()
+#: Largest difference of the starts of files of one record, in steps.
+_ONE_START_TOL = 1e-3
 
 
 class MeasuredColumns(NamedTuple):
     """Columns of a file: `values` (rows x columns), NaN where a sample is missing, and their `headings`.
 
-    `clock` is that of their times, if they have any; `note` says what of the file was skipped.
+    `clock` is that of their times, if they have any, and `start` the first of these; `note` says what of the
+    file was skipped.
     """
 
     values: NDArray[np.float64]
     headings: list[Heading]
     clock: Clock | None = None
     note: str = ""
+    start: float | None = None
 
 
 def read_columns(
@@ -63,7 +67,21 @@ def read_columns(
     else:
         chosen = [table.find(name, "columns") for name in columns]
     values, clock = table.checked(chosen, step, resample=layout.resample)
-    return MeasuredColumns(values, [table.heading(k) for k in chosen], clock, table.note)
+    return MeasuredColumns(values, [table.heading(k) for k in chosen], clock, table.note, _start(table))
+
+
+def _start(table: DataTable) -> float | None:
+    """Return the first time of a table; None without times."""
+    return None if table.times is None or np.isnan(table.times[:1]).any() else float(table.times[0])
+
+
+def check_starts(path: Path, start: float | None, other: float | None, step: float, scene_key: str) -> None:
+    """Refuse a file whose first time is not that of another, where both have times."""
+    if start is not None and other is not None and abs(start - other) > _ONE_START_TOL * step:
+        DataFile(path, scene_key).refuse(
+            f"starts at {start:.9g} s, the others of the record at {other:.9g} s",
+            "Leave out the rows before the later start: first: ROW.",
+        )
 
 
 def read_signal(
@@ -73,8 +91,8 @@ def read_signal(
     step: float | None = None,
     scene_key: str = "",
     layout: TableLayout = _PLAIN,
-) -> tuple[NDArray[np.float64], Heading]:
-    """Read one column without missing samples, and its heading; by default the only one that is not the time.
+) -> tuple[NDArray[np.float64], Heading, float | None]:
+    """Read one column without missing samples, its heading, and the first time; default: the only column.
 
     That is the only column but that of the times, the only dataset of an HDF5 file but `time` or `t`. Other
     parameters are those of `read_columns`.
@@ -99,7 +117,7 @@ def read_signal(
         if clock is not None and clock.rows is not None and clock.dropped:
             row, remedy = int(np.searchsorted(clock.rows, row)), f"{remedy} resample: true interpolates it."
         table.refuse_row(row, "a sample of the signal is missing", remedy)
-    return values, table.heading(index)
+    return values, table.heading(index), _start(table)
 
 
 def _table(path: Path, scene_key: str, request: ColumnRequest) -> DataTable:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from dynid.scene.schema.measurement import (
         ChannelModel,
         FrfModel,
+        FurtherFileModel,
+        MeasuredFileModel,
         MeasurementModel,
         RecordModel,
         ReferenceModel,
@@ -69,13 +71,14 @@ def experiments(
     measured = []
     for k, record in enumerate(model_of_records.each):
         record_path = f"measurement.records.{k}" if model_of_records.records else "measurement"
-        measurement = _measurement(scene, record, record_path, model)
+        measurement, starts = _measurement(scene, record, record_path, model)
         excited_itself = bool(model_of_records.records) and model_of_records.records[k].excitation is not None
         shared = f"{record_path}.excitation" if excited_itself else "measurement.excitation"
         where, parts = (
             ("excitation", excitation) if record.excitation is None else (shared, record.excitation)
         )
-        experiment = Experiment(loads_of(scene, where, parts, measurement.record, model), measurement)
+        loads = loads_of(scene, where, parts, measurement.record, model, starts)
+        experiment = Experiment(loads, measurement)
         try:
             steps: list[Preparation] = []
             for step in record.prepare or []:
@@ -95,8 +98,10 @@ def experiments(
     return measured
 
 
-def _measurement(scene: Scene, record: RecordModel, record_path: str, model: Tested) -> Measurement:
-    """Return the channels and the samples of a record, or the noise of a simulated one."""
+def _measurement(
+    scene: Scene, record: RecordModel, record_path: str, model: Tested
+) -> tuple[Measurement, dict[Path, float | None]]:
+    """Return channels and samples of a record, or the noise of a simulated one; first times of its files."""
     from dynid.identification.records.measurement import Measurement
     from dynid.identification.records.noise import ColouredNoise
     from dynid.identification.records.simulation import Simulation
@@ -107,9 +112,11 @@ def _measurement(scene: Scene, record: RecordModel, record_path: str, model: Tes
     _check_different(channels, f"{record_path}.channels", model)
     at = _path_of_key(scene, record_path, "channels")
     headings: list[Heading | None] = [None] * len(channels)
+    starts: dict[Path, float | None] = {}
     if record.file is not None:
         table = _samples(scene, record, _path_of_key(scene, record_path, "file"))
         headings = list(table.headings)
+        starts = {scene.folder / (record.file.path or ""): table.start}
     channels = tuple(map(of_stated_kind, channels, channel_models, headings))
     columns = zip(channel_models, headings, channels, strict=True)
     factors = [recorded_factor(*column, f"{at}.{k}") for k, column in enumerate(columns)]
@@ -141,31 +148,50 @@ def _measurement(scene: Scene, record: RecordModel, record_path: str, model: Tes
         noise = ColouredNoise(order if isinstance(order, int) else None, record.noise.correlated)
     else:
         noise = products(factors, levels(record.noise))
-    return Measurement(step, samples, channels, source, noise, **read)
+    return Measurement(step, samples, channels, source, noise, **read), starts
 
 
 def _samples(scene: Scene, record: RecordModel, where: str) -> MeasuredColumns:
-    """Return the columns of a record's file, one for each channel."""
-    from dynid.files.read_measured import read_columns
+    """Return the columns of a record's files, one for each channel."""
+    from dynid.files.read_measured import check_starts, read_columns
 
     assert record.file is not None
-    path, samples = scene.folder / (record.file.path or ""), record.samples or 0
+    samples, step = record.samples or 0, number(record.step)
     channels = record.channels or ()
-    layout, columns, step = layout_of(record.file), record.file.columns, number(record.step)
-    table = read_columns(path, columns, step=step, scene_key=where, layout=layout, rows=samples or None)
-    if table.values.shape[1] != len(channels):
+    beside = {f"{where}.beside.{k}": file for k, file in enumerate(record.file.beside)}
+    places: dict[str, MeasuredFileModel | FurtherFileModel] = {where: record.file, **beside}
+    tables: list[MeasuredColumns] = []
+    for place, file in places.items():
+        path = scene.folder / (file.path or "")
+        table = read_columns(
+            path, file.columns, step=step, scene_key=place, layout=layout_of(file), rows=samples or None
+        )
+        if len(table.values) < samples:
+            raise FileError(
+                f"{path} has {len(table.values)} samples, but the scene asks for {samples}",
+                remedy="Ask for no more samples than there are.",
+                names=(f"{place}.path",),
+            )
+        check_starts(path, table.start, (tables or [table])[0].start, step, place)
+        tables.append(table)
+    count = sum(table.values.shape[1] for table in tables)
+    if count != len(channels):
+        path = scene.folder / (record.file.path or "")
+        has = f"{path} has {count}" if len(tables) == 1 else f"the files of the record have {count}"
         raise FileError(
-            f"{path} has {table.values.shape[1]} columns of numbers, 'channels' has {len(channels)}",
+            f"{has} columns of numbers, 'channels' has {len(channels)}",
             remedy="Name the columns: file: {path: …, columns: […]}.",
             names=(f"{where}.columns",),
         )
-    if len(table.values) < samples:
-        raise FileError(
-            f"{path} has {len(table.values)} samples, but the scene asks for {samples}",
-            remedy="Ask for no more samples than there are.",
-            names=(f"{where}.path",),
-        )
-    return table
+    if len(tables) == 1:
+        return tables[0]
+    notes = [table.note for table in tables if table.note]
+    notes += [text for table in tables[1:] if table.clock is not None for text in table.clock.warnings()]
+    return tables[0]._replace(
+        values=np.hstack([table.values[:samples] for table in tables]),
+        headings=[heading for table in tables for heading in table.headings],
+        note="; ".join(notes),
+    )
 
 
 def initial_motion(model: IdentificationScene, structure: Tested = None) -> dict[str, dict[Dof, float]]:
@@ -257,8 +283,9 @@ def loads_of(
     parts: Sequence[SignalPart],
     record: RecordTimes,
     model: Tested = None,
+    starts: Mapping[Path, float | None] | None = None,
 ) -> list[Any]:
-    """Return the loads at a place of a scene."""
+    """Return the loads at a place of a scene; `starts` as of `build_signals`."""
 
     def acting(signal_model: SignalPart, signal: Any) -> Any:
         driven = _actuator_of(signal_model)
@@ -267,7 +294,9 @@ def loads_of(
         dof = None if signal_model.dof is None else result_name(model, signal_model.dof)
         return Load(dof, signal, signal_model.base or signal_model.motion, *driven, kind_of(model, dof))
 
-    built = build_signals(scene, where, parts, record, lambda signal_model: acting(signal_model, None))
+    built = build_signals(
+        scene, where, parts, record, lambda signal_model: acting(signal_model, None), starts
+    )
     return [acting(signal_model, signal) for signal_model, signal in built]
 
 

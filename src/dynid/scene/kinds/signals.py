@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -55,6 +56,7 @@ def build_signals(
     parts: Sequence[SignalPart],
     record: RecordTimes,
     load_of: Callable[[SignalPart], Any],
+    starts: Mapping[Path, float | None] | None = None,
 ) -> list[tuple[SignalPart, Signal]]:
     """Return signals, each with the part of the scene that describes it.
 
@@ -70,6 +72,8 @@ def build_signals(
         The record that they belong to.
     load_of
         Returns the load that a signal is, with its SI unit.
+    starts
+        The first times of files of the record, s; those of signals in the same files must agree.
 
     Raises
     ------
@@ -102,12 +106,13 @@ def build_signals(
                 scaled = tuple(factor * value for value in amplitude) if several else factor * amplitude
                 parameters["amplitude"] = scaled
             if isinstance(signal_model, FileSignal):
-                from dynid.files.read_measured import read_signal
+                from dynid.files.read_measured import check_starts, read_signal
 
                 path, layout = scene.folder / signal_model.path, layout_of(signal_model)
-                values, heading = read_signal(
+                values, heading, start = read_signal(
                     path, signal_model.column, step=record.step, scene_key=signal_path, layout=layout
                 )
+                check_starts(path, start, (starts or {}).get(path), record.step, signal_path)
                 factor = recorded_factor(signal_model, heading, load_of(signal_model), signal_path)
                 values = factor * (values - float(signal_model.offset or 0))
                 if len(values) < record.samples:

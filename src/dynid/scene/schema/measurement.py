@@ -248,11 +248,19 @@ class SimulateFrfModel(NoisyModel):
         return self
 
 
+class FurtherFileModel(TablePlace):
+    """Columns of a further file of a record."""
+
+    path: FilePath
+    columns: list[ColumnName] | None = None
+
+
 class MeasuredFileModel(TablePlace):
-    """Measured data: one column for each channel."""
+    """Measured data: one column for each channel, those of the files `beside` after its own."""
 
     path: FilePath | None = None
     columns: list[ColumnName] | None = None
+    beside: list[FurtherFileModel] = Field(default=[], max_length=1000)
 
 
 class FrfFileModel(Section):
@@ -397,8 +405,10 @@ class RecordModel(Section):
         if self.file is not None:
             if self.file.path is None:
                 raise fault(f"the file of {of} needs the key 'path'")
-            if self.file.columns and len(self.file.columns) != channels:
-                raise fault(f"'columns' names {len(self.file.columns)}, but 'channels' has {channels}")
+            columns = [self.file.columns, *(file.columns for file in self.file.beside)]
+            named = sum(len(names or ()) for names in columns)
+            if named > channels or (all(columns) and named != channels):
+                raise fault(f"'columns' names {named}, but 'channels' has {channels}")
         self._check_levels(self.simulate)
         self._check_noise(of)
 
