@@ -7,6 +7,8 @@
 - machine_logger.csv: a hammer blow on a machine on a frame, as a data logger writes it: semicolons, times
   rounded to six decimals, the force in kN, accelerations in g, one sensor reversed; for
   configs/machine_logger.yaml.
+- chain_frf.csv, chain_modal.h5: accelerances of a chain with 2 % noise at every line (seed 3), and its modes by
+  configs/chain_frf_modes.yaml.
 - eq25_mass.mtx, eq25_damping.mtx, eq25_stiffness.mtx: the reduced beam of Yang (1997), eq 25, with the
   misprinted (2,3) entry of the stiffness (-11.0029, which makes it indefinite) as -1.0029.
 """
@@ -89,6 +91,27 @@ def logger() -> None:
     (HERE / "machine_logger.csv").write_text("\n".join([*rows, ""]))
 
 
+def chain() -> None:
+    """Write accelerances of the chain of configs/chain_from_modes.yaml, and the modes of these."""
+    omega = 2 * np.pi * np.linspace(2, 45, 216)
+    C, K = np.zeros((2, 5, 5))
+    links = [((0,), 2e4, 6), ((0, 1), 3e4, 9), ((1, 2), 1.5e4, 12), ((2, 3), 2.5e4, 0), ((3, 4), 2e4, 6)]
+    for ends, stiffness, damping in links:
+        v = np.zeros(5)
+        v[ends[-1]], v[ends[0]] = 1, -1 if len(ends) > 1 else 1
+        K += stiffness * np.outer(v, v)
+        C += damping * np.outer(v, v)
+    M = np.diag([2, 2, 1.5, 1, 1])
+    force = np.eye(5)[:, 4]
+    H = np.array([-(w**2) * np.linalg.solve(K + 1j * w * C - w**2 * M, force)[[0, 2, 4]] for w in omega])
+    random = np.random.default_rng(3)
+    H *= 1 + 0.02 * (random.standard_normal(H.shape) + 1j * random.standard_normal(H.shape)) / np.sqrt(2)
+    heads = "f,H15_re,H15_im,H35_re,H35_im,H55_re,H55_im"
+    table = np.column_stack([omega / (2 * np.pi), H.view(float)])
+    np.savetxt(HERE / "chain_frf.csv", table, delimiter=",", header=heads, comments="", fmt="%.6g")
+    write_result(dynid.run(HERE.parent / "configs" / "chain_frf_modes.yaml"), HERE / "chain_modal.h5")
+
+
 def matrices() -> None:
     """Write eq 25."""
     mass, stiffness = np.array(MASS), 1e4 * np.array(STIFFNESS)
@@ -108,3 +131,4 @@ if __name__ == "__main__":
     raw()
     logger()
     matrices()
+    chain()

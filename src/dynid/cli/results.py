@@ -187,8 +187,8 @@ def compare(first: str, second: str, rtol: float, atol: float, elementwise: bool
     return 1 if differences else 0
 
 
-#: Formats of systems (transfer functions, matrices) instead of tables.
-_SYSTEMS = ("json", "mat", "mtx")
+#: Formats of systems (transfer functions, matrices, modes) instead of tables.
+_SYSTEMS = ("json", "mat", "mtx", "uff")
 
 
 @click.command()
@@ -204,6 +204,9 @@ _SYSTEMS = ("json", "mat", "mtx")
     flag_value="state-space",
     help="Write the state equations of a result, or of a scene, as .mat or .npz; delays in linear "
     "fractional form.",
+)
+@click.option(
+    "--uff", "form", flag_value="uff", help="Write the modes of a modal analysis as a Universal File (55)."
 )
 @click.option(
     "--scene",
@@ -234,8 +237,8 @@ def export(
     per entry of its arrays; complex numbers take two columns, .re and .im. Of an identification, --scene
     writes the scene with the estimates in place of the unknowns; of a design, the scene with the designed
     values; of a synthesis, the bond graph of a form. --state-space also takes a scene of a bond graph, which
-    is run for its state equations. One of the formats --csv, --parquet, --json, --mat, --mtx, --state-space
-    and --scene is required.
+    is run for its state equations. One of the formats --csv, --parquet, --json, --mat, --mtx, --uff,
+    --state-space and --scene is required.
 
     \b
     Examples:
@@ -249,7 +252,7 @@ def export(
     if form is None:
         raise UsageError(
             "no format to export is given",
-            remedy="Pass --csv, --parquet, --json, --mat, --mtx, --state-space or --scene.",
+            remedy="Pass --csv, --parquet, --json, --mat, --mtx, --uff, --state-space or --scene.",
         )
     if realisation is not None and form != "scene":
         raise UsageError("--form names the form of a scene", remedy="Pass --scene, too.")
@@ -332,7 +335,11 @@ def _export_systems(file: str, form: str, output: str | None) -> None:
     else:
         target = output or f"{stem}.{form}"
         _refuse_overwriting(target, file)
-        write = {"json": export.transfer_functions_json, "mat": export.matlab_file}[form]
+        write = {
+            "json": export.transfer_functions_json,
+            "mat": export.matlab_file,
+            "uff": export.universal_modes,
+        }[form]
         contents = {Path(target): write(result)}
     for folder in {path.parent for path in contents}:
         remove_parts(folder)

@@ -212,6 +212,7 @@ FAMILIES: tuple[_FigureFamily, ...] = (
         f"{_DIAGRAMS}.responses:identified_responses", paths=("identification/derived/frequency_response/",)
     ),
     _FigureFamily(f"{_DIAGRAMS}.reduction:figures", paths=("reduction/method",)),
+    _FigureFamily(f"{_DIAGRAMS}.modal_analysis:figures", kinds=("modal-analysis",)),
     _FigureFamily(f"{_DIAGRAMS}.plan:figures", paths=("plan/",)),
     _FigureFamily(f"{_DIAGRAMS}.modes:measured_shapes", paths=("structure/geometry/shape_sensor",)),
     _FigureFamily(f"{_DIAGRAMS}.modes:mode_shapes", paths=("structure/modes/shape",), scene=True),
@@ -263,6 +264,7 @@ _LEADING = {
     "reduction": ("reduction-frf", "reduction-frequencies", "mac"),
     "study": ("map", "course", "distributions", "root-locus", "tornado", "scatter"),
     "synthesis": ("bond-graph",),
+    "modal-analysis": ("synthesis", "stabilisation", "modal-shapes"),
     "plan": ("sensors", "excitation"),
 }
 #: Most figures that stand beside the answer.

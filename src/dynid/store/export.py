@@ -1,4 +1,4 @@
-"""Results in file formats of other programs: transfer functions in JSON, MATLAB files, Matrix Market.
+"""Results in file formats of other programs: transfer functions in JSON, MATLAB files, Matrix Market, modes.
 
 Equal results give equal bytes: no date is written.
 """
@@ -169,6 +169,22 @@ def _reductions(result: Result) -> dict[str, dict[str, NDArray[Any]]]:
         if top == "reduction" and name in _MATRICES:
             matrices_of_methods.setdefault(method, {})[name] = result[path].data
     return matrices_of_methods
+
+
+def universal_modes(result: Result) -> bytes:
+    """Return the modes of a modal analysis as a Universal File (data sets 55).
+
+    Raises `UsageError` where the result holds none, or a channel names no node.
+    """
+    from dynid.files.universal_shapes import universal_shapes
+
+    if "modal/shape" not in result:
+        raise UsageError(
+            "the result holds no modes of a modal analysis", remedy="Export the result of a modal-analysis."
+        )
+    arrays = (result[f"modal/{name}"].data for name in ("frequency", "damping", "shape"))
+    names = [str(channel) for channel in result["modal/channel"].data]
+    return universal_shapes(*arrays, names, result.title)
 
 
 def matrix_market_files(result: Result) -> dict[str, bytes]:
