@@ -7,7 +7,7 @@
 - machine_logger.csv: a hammer blow on a machine on a frame, as a data logger writes it: semicolons, times
   rounded to six decimals, the force in kN, accelerations in g, one sensor reversed; for
   configs/machine_logger.yaml.
-- chain_frf.csv, chain_modal.h5: accelerances of a chain with 2 % noise at every line (seed 3), and its modes by
+- chain_frf.csv, chain_modal.h5: accelerances of a chain (2 % noise of every line, seed 3), and its modes by
   configs/chain_frf_modes.yaml.
 - eq25_mass.mtx, eq25_damping.mtx, eq25_stiffness.mtx: the reduced beam of Yang (1997), eq 25, with the
   misprinted (2,3) entry of the stiffness (-11.0029, which makes it indefinite) as -1.0029.
