@@ -69,6 +69,7 @@ _EXTRAS = {
     "solvers": "faster factorisations of large structures",
     "formats": "Universal Files, Nastran files, Parquet",
     "laboratory": "meshes, NetCDF",
+    "ansys": "matrices of Ansys (.full)",
     "figures": "figures as PDF and PNG",
     "pandas": "results as tables of pandas",
     "recorders": "files of recorders: TDMS, MF4, Parquet, .xlsx",

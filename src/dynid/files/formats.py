@@ -148,6 +148,11 @@ FORMATS: tuple[FileFormat, ...] = (
         responses=frequency_responses.from_hdf5,
         modes=modal_tables.from_hdf5,
     ),
+    FileFormat(
+        "Ansys .full",
+        (".full",),
+        matrices=Container(_later("ansys_full:members"), _later("ansys_full:load")),
+    ),
     FileFormat("Nastran OUTPUT4", (".op4",), matrices=nastran_output.OUTPUT4),
     FileFormat(
         "Nastran OUTPUT2", (".op2",), matrices=nastran_output.OUTPUT2, nodes=nastran_output.read_nodes

@@ -68,14 +68,16 @@ def converted(
     function: Callable[..., None],
     *arguments: str,
     bytes_a_second: float = _BYTES_A_SECOND,
+    extra: str = "recorders",
 ) -> Path:
-    """Return the archive that a function with a package of the extra `recorders` writes of a file.
+    """Return the archive that a function with a package of an extra writes of a file.
 
     A file takes 30 s and the time of its bytes at most; an array `problem` in the archive is refused.
     """
-    if find_spec(package) is None:
-        remedy = "Install it: pip install 'dynid[recorders]'."
-        file.refuse(f"is {what}, and {package} is not installed", remedy)
+    if not _is_installed(package):
+        file.refuse(
+            f"is {what}, and {package} is not installed", f"Install it: pip install 'dynid[{extra}]'."
+        )
     with read_errors(file.path, what):
         check_size(file.path)
         size = file.path.stat().st_size
@@ -92,6 +94,13 @@ def converted(
                 return target
             problem = str(stored["problem"])
     file.refuse(f"cannot be read as {what}: {problem}", "It may be damaged; save it again.")
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        return find_spec(package) is not None
+    except ModuleNotFoundError:  # the package around it
+        return False
 
 
 def archive(path: str, target: str, name: str) -> None:
