@@ -8,8 +8,8 @@ Lagrange multiplier test: C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948) 50–57). 
 Other errors of a model leave residuals, too. So residuals and responses are first projected off the
 regressors of the saturated model (`saturated_model`), in which amplitudes, residues and poles of any linear
 structure are free channel by channel, off the derivatives by first states, and off those by the parameters.
-What fires then is tested again beside a linear structure with the poles of the record, which need not be near
-those of the model, and whitened by an autoregression: large linear errors do not fire.
+Where a linear structure with the poles of the record, which need not be near those of the model, explains
+what the forces do not, the test is repeated beside it, whitened: large linear errors do not fire.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
-from dynid.defaults import NONLINEAR
+from dynid.defaults import LACK_OF_FIT, NONLINEAR
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit
 from dynid.identification.likelihood.saturated_model import (
@@ -74,6 +74,7 @@ class _Columns(NamedTuple):
         Array  # squares of the responses over the signals' RMS, projected, by channel and sample (6 J)
     )
     degrees: float  # values less the directions that they were projected off
+    variances: Array  # those that channels are weighted by (channels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +86,9 @@ class Nonlinearity:
     size: Array  # response to each force, as the residual has it, in % of the response (joints x terms)
     joint_p: Array  # p-value of all forces of a joint (joints)
     nonlinear_p: float  # p-value of all forces of all joints: were the joints linear
+    # What all forces leave of the residual: its sum of squares over the noise, and degrees of freedom.
+    left: float
+    degrees: float
 
     @property
     def nonlinear(self) -> bool:
@@ -130,16 +134,19 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
     names, p = tested[0][-1].names, len(likelihood.unknowns)
     round_off = all(np.all(f.size < _RESIDUAL_ROUND_OFF * record.data.rms) for record, f, _ in tested)
 
-    def test(*, free: bool) -> Nonlinearity:
+    def test(*, free: bool, coloured: bool, weights: Sequence[_Columns] = ()) -> tuple[Any, Any]:
         columns = []
-        for (record, record_fit, _), (model_regressors, responses) in zip(tested, regressors, strict=True):
-            shared = model_regressors
+        for k, (record, record_fit, _) in enumerate(tested):
+            shared, responses = regressors[k]
             if free:  # those of the model's poles, which the prediction has, and of the record's
-                shared = np.concatenate([shared, _with_free_poles(record, record_fit, len(shared))], axis=1)
-            coloured = free or not white or record.colour is not None
-            columns.append(_columns(record, record_fit, responses, shared, coloured=coloured))
-        return _tested(names, columns, p, round_off=round_off)
+                if k not in freed:
+                    freed[k] = _with_free_poles(record, record_fit, len(shared))
+                shared = np.concatenate([shared, freed[k]], axis=1)
+            variances = weights[k].variances if weights else None
+            columns.append(_columns(record, record_fit, responses, shared, variances, coloured=coloured))
+        return _tested(names, columns, p, round_off=round_off), columns
 
+    freed: dict[int, Array] = {}
     regressors = []
     for (record, record_fit, joints), motion in zip(tested, motions, strict=True):
         shared = record.shared_regressors(record_fit).values
@@ -150,9 +157,20 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
         regressors.append((shared[:rows], responses))
     if not all(np.isfinite(responses).all() for _, responses in regressors):
         return None  # a prediction that grows beyond double precision says nothing
-    linear = test(free=False)
-    # What looks nonlinear may be a linear error that is too large for derivatives at the model's poles.
-    return linear if linear.nonlinear_p > _FREED_LEVEL else test(free=True)
+    coloured = not white or any(record.colour is not None for record, _, _ in tested)
+    first, _ = test(free=False, coloured=coloured)
+    if first.nonlinear_p > _FREED_LEVEL:
+        return first
+    # What looks nonlinear may be a linear error that is too large for derivatives at the model's poles: it is
+    # one where free poles and amplitudes explain more than the forces do.
+    plain, weights = test(free=False, coloured=False)
+    beside, _ = test(free=True, coloured=False, weights=weights)
+    count = plain.degrees - beside.degrees
+    if count >= 1 and beside.degrees >= 1 and not round_off:
+        ratio = max(plain.left - beside.left, 0.0) / count / (beside.left / beside.degrees)
+        if log_f_tail(round(count), beside.degrees, ratio) < math.log(LACK_OF_FIT.value):
+            return test(free=True, coloured=True)[0]
+    return first
 
 
 def _motions(model: ParametricModel, fit: RecordFit, joints: JointPorts) -> Array:
@@ -203,18 +221,25 @@ def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: A
 
 
 def _columns(
-    record: TimeRecord, fit: RecordFit, responses: Array, shared: Array, *, coloured: bool
+    record: TimeRecord,
+    fit: RecordFit,
+    responses: Array,
+    shared: Array,
+    variances: Array | None,
+    *,
+    coloured: bool,
 ) -> _Columns:
     """Return what free linear directions and first states leave of derivatives, responses and residual.
 
     `responses` (samples x channels x any): to the forces; `shared` (samples x any): regressors of any linear
-    structure; `coloured`: the residuals are whitened.
+    structure; `variances`: those that channels are weighted by, default: what is left of them.
+    `coloured`: the residuals are whitened.
     """
     predicted, p, n = record.predicted(fit), record.model.parameters, record.model.states
     rows, width = slice(0, len(responses)), responses.shape[2]
     there = ~np.isnan(fit.residual[rows])
     total, sizes = np.zeros((n + p + width + 1,) * 2), np.zeros(n + p + width + 1)
-    squares, degrees = np.zeros(width), 0.0
+    squares, degrees, weights = np.zeros(width), 0.0, np.ones(len(record.data.rms))
     basis = _range(shared) if there.all() else None
     for c, rms in enumerate(record.data.rms):
         present = there[:, c]
@@ -235,13 +260,15 @@ def _columns(
                 inside = Q.T @ own
                 gram = own.T @ own - inside.T @ inside
         count = np.count_nonzero(present) * min(1.0, record.data.passed) - Q.shape[1] - order
-        # Each channel counts by what is left of its residual.
         variance = max(float(gram[-1, -1]), np.finfo(float).tiny) / max(count, 1.0)
+        variance = variance if variances is None else float(variances[c])
+        weights[c] = variance
         total += gram / variance
         sizes += np.sum(own**2, axis=0) / variance
         degrees += count
     total, rank = _off(total, sizes, n)
-    return _Columns(total, sizes[n:], np.maximum(squares, 0.0) / max(there.sum(), 1), degrees - rank)
+    mean_squares = np.maximum(squares, 0.0) / max(there.sum(), 1)
+    return _Columns(total, sizes[n:], mean_squares, degrees - rank, weights)
 
 
 def _range(columns: Array) -> Array:
@@ -349,7 +376,11 @@ def _tested(joints: tuple[str, ...], columns: Sequence[_Columns], p: int, *, rou
     size = np.where(absorbed, np.nan, 100 * np.abs(b) / safe * responses).reshape(shape)
     joint_p = np.array([p_value(row) for row in places])
     overall = p_value(places.ravel())
-    return Nonlinearity(joints, single, size, joint_p, 1.0 if math.isnan(overall) else overall)
+    overall = 1.0 if math.isnan(overall) else overall
+    kept = np.flatnonzero(~absorbed)
+    explained, count = _explained(H[np.ix_(kept, kept)], b[kept]) if len(kept) else (0.0, 0)
+    rest = max(left - explained, np.finfo(float).tiny)
+    return Nonlinearity(joints, single, size, joint_p, overall, rest, degrees - count)
 
 
 def _off(gram: Array, sizes: Array, p: int) -> tuple[Array, int]:
