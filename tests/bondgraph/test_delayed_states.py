@@ -8,7 +8,7 @@ import pytest
 import dynid
 from dynid.bondgraph.delayed_response import delayed_response
 from dynid.bondgraph.delayed_states import delay_system
-from dynid.errors import NumericalError, SceneError, UsageError
+from dynid.errors import NumericalError, SceneError, Singular, UsageError
 from dynid.scene.batch import run_batch
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import check_source
@@ -123,3 +123,57 @@ def test_samples_of_a_study_have_the_delay_as_it_is():
     outcomes = run_batch(plain, [{"graph.nodes.m.value": 2}], (path,))
     (block,) = outcomes.blocks
     assert block.values[path].data[0, 2, 0, 0] == pytest.approx(0.5, abs=1e-13)
+
+
+APART = """
+graph:
+  nodes: {u: Se, j: 1, m: {type: I, value: 1}, d: {type: R, value: 1}, act: Se,
+          v: Se, k: 1, n: {type: I, value: 1}, act2: Se}
+  bonds: [u -> j, act -> j, j -> m, j -> d, v -> k, act2 -> k, k -> n]
+analysis: {inputs: [u, w], outputs: [m.f, n.f, w.e], results: [properties, poles, step_info]}
+control:
+  loops:
+  - {from: m.f, to: act, controller: {gain: 0.5, delay: 1}}
+  - {from: n.f, to: act2, controller: {gain: 3, delay: 1}, setpoint: w}
+"""
+
+
+def test_channels_that_are_unstable_or_vanish_say_so():
+    """x' = -x - 0.5 x(t - 1) + u is stable, x' = 3 (w - x)(t - 1) is not, and neither acts on the other."""
+    result = dynid.run(scene(APART))
+    values = {
+        (output, source): {
+            name: result.value(f"bond_graph/properties/{output}/{source}/{name}")
+            for name in ("step_status", "stability", "stable")
+        }
+        for output in ("m.f", "n.f", "w.e")
+        for source in "uw"
+    }
+    assert values["m.f", "u"] == {"step_status": "defined", "stability": "stable", "stable": True}
+    assert values["m.f", "w"]["step_status"] == "undefined: the input does not reach the output"
+    unstable = values["n.f", "w"]
+    assert unstable["step_status"].startswith("undefined: there is no steady state; unstable: poles at")
+    assert not unstable["stable"]
+    pole = result["bond_graph/transfer_function/n.f/w/poles"].data[0]
+    assert abs(pole + 3 * np.exp(-pole)) < 1e-13
+    assert f"{pole.real:.4g} ± {pole.imag:.4g}j lie in the right half-plane" in unstable["stability"]
+    assert values["w.e", "w"]["step_status"].startswith("not computed")
+    assert result.value("bond_graph/properties/m.f/u/rise_time") > 0
+
+
+def test_a_graph_that_is_open_without_its_loops_keeps_approximants(monkeypatch):
+    def singular(*_):
+        raise Singular("no unique solution")
+
+    monkeypatch.setattr("dynid.bondgraph.results.delayed_channels.DelayedChannels.__init__", singular)
+    result = dynid.run(scene(APART))
+    assert "Padé" in result["bond_graph/transfer_function/m.f/u/poles"].attrs["approximate"]
+    status = result.value("bond_graph/properties/m.f/u/step_status")
+    assert status == "not computed: no unique solution"
+
+
+def test_the_phase_is_left_out_where_it_takes_too_many_frequencies():
+    more = "[properties, frequency_response], frequency: {start: 1, stop: 1.0e6, points: 3}"
+    result = dynid.run(scene(APART.replace("[properties, poles, step_info]", more)))
+    assert "bond_graph/frequency_response/phase" not in result
+    assert "too often" in result.group_attrs["bond_graph/frequency_response"]["phase_left_out"]

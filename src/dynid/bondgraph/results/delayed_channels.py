@@ -225,6 +225,8 @@ def channel_steps(reduced: ReducedGraph, analysis: Analysis, opened: BondGraph) 
 
 
 def _stability(poles: ListedRoots) -> str:
+    if not poles.note:  # all of them
+        return stability_text(poles.roots)
     if poles.all_right and poles.verdict.kind in ("stable", "unstable"):
         return stability_text([root for root in poles.roots if root.side] or poles.roots)
     return poles.verdict.text
