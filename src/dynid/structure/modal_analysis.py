@@ -12,7 +12,7 @@ from dynid.result import Result
 from dynid.structure import labels
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix
-from dynid.structure.model import StructuralModel
+from dynid.structure.model import TANGENT, StructuralModel
 from dynid.structure.modes import Modes, modes
 from dynid.structure.state_space import massless
 
@@ -155,6 +155,8 @@ def modal_analysis(
     result.add(f"{group}/counted", lowest.counted, (), "rad/s")
     if lowest.doubt:
         result.annotate(group, doubt=lowest.doubt)
+    if model.nonlinear:
+        result.annotate(group, note=TANGENT)
     if without_mass := massless(M):
         result.add_axis(f"{group}/massless", [str(model.dofs[at]) for at in without_mass])
     return result

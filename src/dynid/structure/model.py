@@ -31,6 +31,11 @@ _ROUNDING = 16 * float(np.finfo(float).eps)
 # The same of computed rigid-body motions.
 _RIGID_ENERGY_TOL = 1e-9
 
+#: The note on linear analyses of a structure with nonlinear joints.
+TANGENT = (
+    "nonlinear joints act by their tangents at rest: small motions, sliders stuck, gaps as they are at rest"
+)
+
 
 class Term(NamedTuple):
     """A part of a matrix that depends on unknown parameters."""

@@ -13,7 +13,7 @@ from dynid.result import Result, common_unit
 from dynid.structure.excitation import drive, inputs_of, signals_of, starting_state
 from dynid.structure.frf import frequency_response_functions
 from dynid.structure.labels import Label
-from dynid.structure.model import StructuralModel
+from dynid.structure.model import TANGENT, StructuralModel
 from dynid.structure.ports import Channel, Load, ports, response_units, source_names
 
 
@@ -60,6 +60,8 @@ def frequency_response(
     result.add(f"{group}/unit", units, ("output",))
     result.add(f"{group}/response", response.response, ("omega", "output", "input"), common_unit(units))
     result.annotate(group, method=response.method, modes=response.modes, error=response.error)
+    if model.nonlinear:
+        result.annotate(group, note=TANGENT)
     if response.evaluate is not None and len(w) and np.all(np.diff(w) > 0):
         from dynid.lti.peaks import add_peaks
 

@@ -126,6 +126,8 @@ def _computed_modes(result: Result) -> ReportSection:
     caption = f"{counted(len(omega), 'mode')} of {counted(size, 'DOF')}; {', '.join(counts)}"
     table = TextTable(("mode", "rad/s", "Hz", "ζ", ""), rows, caption=caption, noun="mode").filled()
     remark = [Statement(f"massless: {joined(massless, _MASSLESS_DOFS)}")] if massless else []
+    if note := result.group_attrs.get(group, {}).get("note"):
+        remark.append(Statement(f"note: {note}"))
     asked = not _has_estimates(result) and "bond_graph" not in result.group_attrs
     return ReportSection("Modes", (table, *remark), "answer" if asked else "details", screen="")
 

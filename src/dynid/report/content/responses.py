@@ -39,7 +39,7 @@ def response_sections(result: Result, base: str) -> Iterator[ReportSection]:
             brief=_BRIEF,
             most=_MOST,
         )
-        yield ReportSection("Frequency response", (table,), screen="frequency response")
+        yield ReportSection("Frequency response", (table, *_note(result, group)), screen="frequency response")
     group = f"{base}/time_response"
     if f"{group}/time" in result:
         courses, outputs = time_courses(result, group), result[f"{group}/output"].data
@@ -55,9 +55,33 @@ def response_sections(result: Result, base: str) -> Iterator[ReportSection]:
             brief=_BRIEF,
             most=_MOST,
         )
-        note = result.group_attrs.get(group, {}).get("note")
-        remark = (Statement(f"note: {note}"),) if note else ()
-        yield ReportSection("Time response", (table, *remark), screen="time response")
+        yield ReportSection("Time response", (table, *_note(result, group)), screen="time response")
+    if f"{base}/joints/force" in result:
+        yield _joints(result, f"{base}/joints")
+
+
+def _note(result: Result, group: str) -> tuple[Statement, ...]:
+    """Return the note of a group, if it has one."""
+    note = result.group_attrs.get(group, {}).get("note")
+    return (Statement(f"note: {note}"),) if note else ()
+
+
+def _joints(result: Result, group: str) -> ReportSection:
+    """Return the ranges of joints with nonlinear laws, and how often their regimes change."""
+    names = [str(name) for name in result[f"{group}/joint"].data]
+    largest = [np.abs(result[f"{group}/{name}"].data).max(axis=0) for name in ("deflection", "force")]
+    work = result[f"{group}/work"].data[-1]
+    rows = [(name, *map(general, numbers)) for name, *numbers in zip(names, *largest, work, strict=True)]
+    events = int(result.group_attrs[group]["events"])
+    table = TextTable(
+        ("", "max |deflection| (m)", "max |force| (N)", "work (J)"),
+        tuple(rows),
+        caption=f"forces of nonlinear laws, {counted(events, 'change')} of regime",
+        noun="joint",
+        brief=_BRIEF,
+        most=_MOST,
+    )
+    return ReportSection("Nonlinear joints", (table,), screen="nonlinear joints")
 
 
 def extremes(column: NDArray[np.float64]) -> tuple[str, str, str]:

@@ -229,7 +229,7 @@ LAYOUT: dict[str, str] = {
         "mode omega uncertainty undecided damping loss_factor name dof shape rigid counted doubt massless"
     ),
     "structure/complex_modes": "mode pole omega loss_factor damping dof shape",
-    "structure/frequency_response": f"{_RESPONSE} method modes error",
+    "structure/frequency_response": f"{_RESPONSE} method modes error note",
     "structure/frequency_peaks": _PEAKS,
     "structure/time_response": _TIME_RESPONSE,
     "structure/joints": "time joint law deflection rate force work regime events steps change",

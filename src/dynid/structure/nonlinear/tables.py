@@ -22,6 +22,12 @@ NODES = 5
 LOAD_DEGREE = 8
 #: Points of a step at which guards are checked.
 SCAN = np.unique(np.concatenate([np.linspace(0, 1, 17)[1:], [1e-3, 1e-2]]))
+# Norm of a generator up to which its exponential is summed: its terms are below e^4, cancellation one digit;
+# after so many terms the next is below 4^40 / 40! = 1e-24.
+_MAX_SERIES_NORM, _MAX_SERIES_TERMS = 4.0, 40
+# Phase of the fastest mode in a regular step up to which eigenvalues are accurate: their error is that of the
+# fastest one, which would show in the phase of slow modes of a stiff structure.
+_MAX_MODAL_PHASE = 2.0
 # Condition of the eigenvectors beyond which a part of a step is propagated by matrix exponentials.
 _MAX_CONDITION = 1e5
 
@@ -135,7 +141,8 @@ class Regime:
         if not regular:
             return self._by_modes(h) if self.modes is not None else self._by_exponentials(h)
         if h not in self._regular:
-            self._regular[h] = self._by_exponentials(h)
+            slow = self.modes is not None and np.abs(self.modes[0]).max(initial=0.0) * h <= _MAX_MODAL_PHASE
+            self._regular[h] = self._by_modes(h) if slow else self._by_exponentials(h)
         return self._regular[h]
 
     def _assembled(self, h: float, P: Array, QD: Array) -> Tables:
@@ -226,7 +233,7 @@ class Steps(NamedTuple):
         values = np.empty((len(line.which), *points.shape, len(line.H)))
         for k, h in enumerate(line.lengths):
             here = line.which == k
-            readout = np.array([line.H @ exponential(line.G, h * theta) for theta in points.ravel()])
+            readout = _readouts(line.H, line.G * h, points.ravel())
             values[here] = np.einsum("iq,tuq->itu", line.W[:-1][here], readout).reshape(-1, *values.shape[1:])
         if added is not None:
             times = line.nodes[:-1, None, None] + line.lengths[line.which][:, None, None] * points
@@ -240,6 +247,16 @@ class Steps(NamedTuple):
         return np.asarray(
             np.polynomial.chebyshev.chebvander(2 * theta - 1, LOAD_DEGREE) @ self.coefficients[step]
         )
+
+
+def _readouts(H: Array, G: Array, parts: Array) -> Array:
+    """Return ``H exp(G theta)`` for parts theta in [0, 1] (parts x nu x states)."""
+    if np.abs(G).sum(axis=1).max(initial=0.0) > _MAX_SERIES_NORM:
+        return np.array([H @ exponential(G, theta) for theta in parts]).reshape(len(parts), *H.shape)
+    terms = [H]
+    while np.abs(terms[-1]).max(initial=0.0) > 0 and len(terms) < _MAX_SERIES_TERMS:
+        terms.append(terms[-1] @ G / len(terms))
+    return np.einsum("tk,kus->tus", np.vander(parts, len(terms), increasing=True), np.array(terms))
 
 
 def load_points() -> Array:
