@@ -7,6 +7,9 @@
 - machine_logger.csv: a hammer blow on a machine on a frame, as a data logger writes it: semicolons, times
   rounded to six decimals, the force in kN, accelerations in g, one sensor reversed; for
   configs/machine_logger.yaml.
+- machine_hammer.npz, machine_mount.wav, machine_rail.wav: the same machine, struck again (seed 12): force (N)
+  and one acceleration (g) as arrays, the others as WAV of ±50 g, 16 bits;
+  for configs/machine_recorders.yaml.
 - chain_frf.csv, chain_modal.h5: accelerances of a chain (2 % noise of every line, seed 3), and its modes by
   configs/chain_frf_modes.yaml.
 - eq25_mass.mtx, eq25_damping.mtx, eq25_stiffness.mtx: the reduced beam of Yang (1997), eq 25, with the
@@ -17,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from scipy.io import mmwrite
+from scipy.io import mmwrite, wavfile
 
 import dynid
 from dynid.result import Result
@@ -77,14 +80,27 @@ measurement:
 """
 
 
-def logger() -> None:
-    """Write a record as a data logger does."""
+def machine(text: str) -> list[np.ndarray]:
+    """Return times, accelerations and the force of the struck machine."""
     with TemporaryDirectory() as folder:
         scene = Path(folder) / "machine.yaml"
-        scene.write_text(MACHINE)
+        scene.write_text(text)
         run = dynid.run(scene)
-    group = "identification/measurement"
-    time, a, force = (run[f"{group}/{name}"].data for name in ("time", "measured", "input"))
+    return [run[f"identification/measurement/{name}"].data for name in ("time", "measured", "input")]
+
+
+def recorders() -> None:
+    """Write a record as arrays and as WAV files."""
+    time, a, force = machine(MACHINE.replace("seed: 11", "seed: 12"))
+    np.savez_compressed(HERE / "machine_hammer.npz", time=time, force=force[:, 0], acc_3=a[:, 2] / 9.80665)
+    for name, values in (("mount", a[:, 0]), ("rail", a[:, 1])):
+        counts = np.round(values / (50 * 9.80665) * 2**15).astype(np.int16)
+        wavfile.write(HERE / f"machine_{name}.wav", 1024, counts)
+
+
+def logger() -> None:
+    """Write a record as a data logger does."""
+    time, a, force = machine(MACHINE)
     rows = ["Time (s);Force [kN];acc 1+Z [g];acc 2-Z [g];acc 3+Z [g]"]
     for t, newton, (a1, a2, a3) in zip(time, force[:, 0], a / 9.80665, strict=True):
         rows.append(f"{t:.6f};{newton / 1e3:.6f};{a1:.6f};{-a2:.6f};{a3:.6f}")
@@ -130,5 +146,6 @@ if __name__ == "__main__":
     record()
     raw()
     logger()
+    recorders()
     matrices()
     chain()

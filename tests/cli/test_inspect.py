@@ -10,6 +10,7 @@ from scipy.io import savemat
 
 from dynid import load_scene
 from tests.files import recorder_files
+from tests.files.universal_files import function, mode, nodes, written
 
 pytestmark = pytest.mark.usefixtures("untried")
 
@@ -94,6 +95,10 @@ def test_tables_of_text_and_workbooks(inspected, tmp_path):
     entries, lines = inspected("frf.csv")
     assert entries["a"] == {"what": "frequency response", "size": "2"}
     assert lines == ["measurement: {frf: {file: {path: frf.csv}, unit: Hz}, channels: […]}"]
+    (tmp_path / "parts.csv").write_text("f [Hz],re,im\n1,1,2\n2,2,-1\n")
+    entries, lines = inspected("parts.csv")
+    assert entries == {"re": {"what": "frequency response", "size": "2"}}
+    assert lines == ["measurement: {frf: {file: {path: parts.csv}}, channels: […]}"]
 
 
 def test_matrices_and_what_else_is_in_their_files(inspected, tmp_path):
@@ -109,6 +114,40 @@ def test_matrices_and_what_else_is_in_their_files(inspected, tmp_path):
     with h5py.File(tmp_path / "x.h5", "w") as file:
         file["run/A"], file["run/B"] = np.eye(2), np.ones((2, 2))
     assert inspected("x.h5")[1] == ["structure: {matrices: {state_space: {path: x.h5}}}"]
+
+
+def test_results_of_a_modal_analysis_are_modes(inspected):
+    entries, lines = inspected(Path(__file__).parents[2] / "data" / "chain_modal.h5")
+    assert entries["modal/frequency"] == {"what": "channel", "size": "5", "unit": "rad/s"}
+    assert entries["modal/fit/synthesis"] == {"what": "complex numbers"}
+    assert lines == ["measurement: {modes: {file: chain_modal.h5}}"]
+
+
+def test_universal_files_have_functions_nodes_and_modes(inspected, tmp_path):
+    points = nodes([1, 2], [[0, 0, 0], [1, 0, 2.0]])
+    written(tmp_path / "x.uff", points, function(np.sin(T)), mode(4.0, [1, 2], [0.1, 0.2], [0, 0], [1, 0.5]))
+    entries, lines = inspected("x.uff")
+    assert entries["nodes"] == {"what": "nodes", "size": "2", "note": "x 0 to 1, y 0 to 0, z 0 to 2"}
+    assert entries["modes"]["note"] == "4 to 4 Hz"
+    (history,) = (entry for entry in entries.values() if entry["what"] == "time history")
+    assert history == {"what": "time history", "size": "50", "step": 0.01, "note": "1:z"}
+    assert lines == [
+        "measurement: {file: {path: x.uff}, channels: all}",
+        "structure: {matrices: {…, nodes: x.uff}}",
+        "measurement: {modes: {file: x.uff}}",
+    ]
+
+
+def test_meshes_and_nodes(inspected, tmp_path):
+    (tmp_path / "m.inp").write_text(
+        "*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n*NSET, NSET=base\n1, 2\n"
+        "*ELEMENT, TYPE=C3D4, ELSET=body\n1, 1, 2, 3, 4\n"
+    )
+    entries, lines = inspected("m.inp")
+    assert entries["nodes"]["size"] == "4"
+    assert entries["tetra"] == {"what": "elements", "size": "1"}
+    assert entries["base"] == {"what": "set of nodes", "size": "2"}
+    assert "structure: {solid: {mesh: m.inp, materials: …}}" in lines
 
 
 def test_what_is_no_data_file_is_refused(dynid, tmp_path):

@@ -180,9 +180,12 @@ def test_a_universal_file_says_what_its_functions_are(tmp_path):
         ("{path: h.uff, columns: [[1, 2]]}", "holds complex functions, no pairs of columns"),
         (
             "{path: h.uff, columns: [a function, 2]}",
-            "has 2 frequency response 'a function'; there are 2. Give",
+            "has 2 frequency response 'a function'; there are 2: a function. Give",
         ),
-        ("{path: h.uff, columns: [1, 3]}", "has no frequency response '3'; there are 2. Give its number"),
+        (
+            "{path: h.uff, columns: [1, 3]}",
+            "has no frequency response '3'; there are 2: a function. Give its number",
+        ),
         ("{path: time.uff}", "holds no frequency response. Data sets 58 of function type 4 are read"),
         ("{path: mixed.uff}", "the function a function has other lines than the first"),
     ],

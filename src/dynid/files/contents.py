@@ -6,6 +6,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -187,6 +188,9 @@ def _recording(form: FileFormat, path: Path) -> _Listed:
         if what == "channel":
             group = groups.setdefault((channel.group, channel.length, step, start), {})
             group[channel.name] = channel.heading[1]
+    if any(channel.path == "modal/frequency" for channel in recording.channels):  # of a modal analysis
+        yield f"measurement: {{modes: {{file: {_word(path.name)}}}}}"
+        return
     for (name, samples, step, _), columns in groups.items():
         if samples > 1:
             keys = f", group: {_word(name)}" if name else ""
@@ -219,21 +223,25 @@ def _text(form: FileFormat, path: Path) -> _Listed:
     """Yield the columns of a text, real ones or frequency responses."""
     assert form.columns is not None
     assert form.responses is not None
-    file = DataFile(path)
+    file, responses = DataFile(path), None
+    with suppress(FileError):
+        responses = form.responses(file, ResponseLayout())
     try:
         table = form.columns(file, ColumnRequest(None, TableLayout()))
-    except FileError as error:
-        try:
-            measured = form.responses(file, ResponseLayout())
-        except FileError:
-            raise error from None
-        for number, heading in enumerate(measured.headings, 1):
-            name, size = heading.name or f"column {number}", str(len(measured.omega))
-            yield FileEntry(name, "frequency response", size, heading.unit)
-        unit = "" if measured.of_lines.unit else ", unit: Hz"
-        yield f"measurement: {{frf: {{file: {{path: {_word(path.name)}}}{unit}}}, channels: […]}}"
-        return
-    yield from _table(table, path)
+    except FileError:
+        if responses is None:
+            raise
+    else:
+        listed = responses is not None and bool(table.names) and table.times is None
+        if not listed or "damping" in {table.heading(k).name for k in table.data}:
+            yield from _table(table, path)
+            return
+    assert responses is not None
+    for number, heading in enumerate(responses.headings, 1):
+        name, size = heading.name or f"column {number}", str(len(responses.omega))
+        yield FileEntry(name, "frequency response", size, heading.unit)
+    unit = "" if responses.of_lines.unit else ", unit: Hz"
+    yield f"measurement: {{frf: {{file: {{path: {_word(path.name)}}}{unit}}}, channels: […]}}"
 
 
 def _table(table: DataTable, path: Path, keys: str = "", above: str = "") -> _Listed:
@@ -260,7 +268,8 @@ def _matrices(form: FileFormat, path: Path) -> _Listed:
     shapes = {name: shape for name, shape in members.items() if not isinstance(shape, str)}
     for name, shape in members.items():
         if isinstance(shape, str):
-            yield FileEntry(name, shape)
+            if form.recording is None or not shape.startswith("an array of"):  # of one axis, and listed
+                yield FileEntry(name, shape)
         elif len(shape) == 2 and min(shape) > 1:
             yield FileEntry(name, "matrix", _size(shape))
         elif form.recording is None:

@@ -241,7 +241,10 @@ def _chosen(
         if isinstance(name, int) and 1 <= name <= len(candidates):
             named = [candidates[name - 1]]
         if len(named) != 1:
+            names = [function.name for function in candidates]
+            hint = "" if named else did_you_mean(str(name), names)
             has = f"{len(named) or 'no'} {what} '{name}'"
-            file.refuse(f"has {has}; there are {len(candidates)}", "Give its number among them.", key=key)
+            listed = f"there are {len(candidates)}: {shortened(list(dict.fromkeys(names)), 8)}"
+            file.refuse(f"has {has}{hint}; {listed}", "Give its number among them.", key=key)
         chosen += named
     return chosen

@@ -23,6 +23,7 @@ from dynid.files.table import DataFile, DataTable
 from dynid.files.text_table import complex_number, read_text
 from dynid.files.universal_geometry import read_shapes
 from dynid.structure.labels import Label
+from dynid.suggestions import shortened
 from dynid.units import angular_factor, si_factor, unit_fits, unit_of_field
 
 #: Quantities of a file of modes, which are also the names under which they are looked for.
@@ -88,9 +89,8 @@ def from_matlab(file: DataFile, names: Mapping[str, str]) -> ModalTable:
         file.refuse("has an eigenvalue or a number of tests that is not positive", colon=True)
     by_eigenvalue = _by_eigenvalue(vectors)
     if by_eigenvalue is None and "frequency" not in vectors:
-        file.refuse(
-            "has no variable 'frequency'", "Name it: frequency: NAME, or eigenvalue: NAME.", key="path"
-        )
+        listed = f"has no variable 'frequency'; it has {shortened(variables, 20)}"
+        file.refuse(listed, "Name it: frequency: NAME, or eigenvalue: NAME.", key="path")
     frequency, scatter, unit = by_eigenvalue or (vectors["frequency"], vectors.get("frequency_std"), "")
     r, shape, shape_std = len(frequency), arrays.get("shape"), arrays.get("shape_std")
     for key in ("shape", "shape_std"):
