@@ -194,3 +194,33 @@ def test_output_only_and_forces_that_are_not_measured_are_refused(tmp_path):
     path.write_text(text.replace(force, f"[{force}, {force.replace('dof: 1', 'dof: 2')}]"))
     with pytest.raises(UsageError, match="record 1 has 2 excitations"):
         dynid.run(path)
+
+
+def test_all_channels_of_a_universal_file(tmp_path):
+    pytest.importorskip("pyuff")
+    from tests.files.universal_files import function, written
+
+    ends = {(11, 3): receptance(0, 2), (12, -3): -receptance(1, 2), (13, 3): receptance(2, 2)}
+    lines = OMEGA / (2 * np.pi)
+    functions = [
+        function(
+            values * (1 + 1e-4 * np.sin(7 * np.arange(len(values)))), kind=4, response=end, reference=(13, 3),
+            step=lines[1] - lines[0], start=lines[0], abscissa_spec_data_type=18, ordinate_spec_data_type=8,
+            orddenom_spec_data_type=13,
+        )
+        for end, values in ends.items()
+    ]  # fmt: skip
+    written(tmp_path / "test.uff", *functions)
+    path = tmp_path / "all.yaml"
+    path.write_text(
+        "dynid: 1\nkind: modal-analysis\nmeasurement: {channels: all, frf: {file: {path: test.uff}}}\n"
+        "band: {low: 2, high: 45, unit: Hz}\n"
+    )
+    result = dynid.run(path)
+    assert list(result["modal/channel"].data) == ["11:z", "12:z", "13:z"]
+    assert list(result["modal/reference"].data) == ["13:z"]
+    squares, vectors = np.linalg.eigh(np.diag(np.diag(M) ** -0.5) @ K @ np.diag(np.diag(M) ** -0.5))
+    shapes = np.diag(np.diag(M) ** -0.5) @ vectors / np.sqrt(2j * np.sqrt(squares))
+    tolerance = 1e-3 * np.abs(shapes**2).max()
+    assert np.allclose(result["modal/shape"].data ** 2, shapes.T**2, rtol=0.05, atol=tolerance)
+    assert np.sign(result["modal/shape"].data[0].real).prod() == 1  # all move one way

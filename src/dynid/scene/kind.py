@@ -109,6 +109,7 @@ _KINDS = (
         run="dynid.scene.kinds.modal_analysis:run",
         explain="dynid.scene.explanations.modal_analysis:explain",
         prepare="dynid.scene.kinds.modal_analysis:preparation_steps",
+        complete="dynid.scene.kinds.file_channels:completed",
         content="dynid.report.content.modal_analysis",
     ),
     Kind(

@@ -47,13 +47,13 @@ def completed(scene: Scene[IdentificationScene]) -> Source:
         return scene.source
     from dynid.scene.kinds.parts import structure_of
 
-    if model.graph is not None:
+    if getattr(model, "graph", None) is not None:
         raise UsageError(
             "a Universal File names nodes and directions, which a graph has not",
             remedy="List the channels: channels: [{output: …}].",
             names=("measurement.channels",),
         )
-    test_model = _Model(structure_of(scene), {})
+    test_model = _Model(structure_of(scene) if scene.kind == "identification" else None, {})
     data = dict(scene.source.data)
     if shaped:
         assert measurement.modes is not None
@@ -69,7 +69,7 @@ def completed(scene: Scene[IdentificationScene]) -> Source:
 class _Model(NamedTuple):
     """A model, and the weighted sums of its DOFs that sensors between them measure, by name."""
 
-    structure: StructuralModel
+    structure: StructuralModel | None  # none of a modal analysis, whose DOFs are those of the test
     motions: dict[Label, Motion]
 
     def named(self, end: tuple[int, str], motion: Motion) -> dict[str, Any]:
@@ -222,9 +222,10 @@ class _Test:
         """Return for ends of functions `dof`, and `gain` where these have the opposite direction."""
         from dynid.structure.matching import matched_dofs
 
-        motions: list[Motion] = self._located(
-            lambda: matched_dofs(self.model.structure, ends, self.how, self.nodes)
-        )
+        structure = self.model.structure
+        if structure is None:
+            return [{"dof": f"{node}:{along}"} for node, along in ends]
+        motions: list[Motion] = self._located(lambda: matched_dofs(structure, ends, self.how, self.nodes))
         return [self.model.named(end, motion) for end, motion in zip(ends, motions, strict=True)]
 
     def signed(self, ends: Sequence[tuple[int, str]]) -> list[Label]:
