@@ -146,6 +146,19 @@ def test_scaled_shapes_and_their_slopes(real):
             assert np.allclose(slopes[:, column], difference, rtol=1e-5, atol=1e-6 * np.abs(difference).max())
 
 
+def test_a_floor_beside_a_covariance_is_refused_and_an_error_of_the_form_added(tmp_path):
+    from dynid.errors import UsageError
+
+    write_responses(tmp_path / "f.csv", 2)
+    run(tmp_path, MODAL, "modal")
+    modes = "measurement: {modes: {file: modal.h5, %s: {frequency: 0.002, damping: 0, shape: 0.01}}}\n"
+    with pytest.raises(UsageError, match="to which no floor is added"):
+        run(tmp_path, CHAIN + modes % "floor", "by_modes")
+    _, wider = estimates(run(tmp_path, CHAIN + modes % "model_error", "by_modes"))
+    _, error = estimates(run(tmp_path, CHAIN + "measurement: {modes: {file: modal.h5}}\n", "by_modes"))
+    assert np.all(wider > 5 * error[[0, 1, 2]] * [1, 0.2, 1])
+
+
 def test_a_file_that_is_no_modal_analysis_is_refused(tmp_path):
     from dynid.errors import FileError
 

@@ -92,7 +92,7 @@ def _rescaled(model: ModalModel, fit: ModalFit) -> tuple[ModalModel, ModalFit]:
         deviation, scale = np.where(better, profile, deviation), np.where(better, np.sqrt(variance), scale)
     frf = replace(frf, deviation=deviation, scale=scale, first=frf.flat)
     rescaled = ModalModel(frf, real=model.real, reciprocal=[*model.own.items()])
-    return rescaled, rescaled.fit(fit.poles, fit.participation)
+    return rescaled, _pruned(rescaled, fit.poles, fit.participation)
 
 
 def _pruned(model: ModalModel, poles: ComplexArray, participation: ComplexArray) -> ModalFit:

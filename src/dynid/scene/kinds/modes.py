@@ -69,6 +69,12 @@ def _from_file(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
     path_of_file = f"{_PLACE}.file"
     path = scene.folder / modes.file.path
     survey = read_modes(path, modes.file.names, path_of_file)
+    if survey.covariance is not None and modes.floor.model_fields_set:
+        raise UsageError(
+            f"{path} has the covariance of its modes, to which no floor is added",
+            remedy="Leave 'floor' out; 'model_error' is added.",
+            names=(f"{_PLACE}.floor",),
+        )
     dofs = list(survey.dofs) if modes.sensors is None else _sensors(scene, modes.sensors)
     rows = 0 if survey.shape is None else len(survey.shape)
     if len(dofs) != rows:
