@@ -32,6 +32,7 @@ from dynid.result import Result
 if TYPE_CHECKING:
     from dynid.bondgraph.cut_loops import CutLoops
     from dynid.bondgraph.sampled_loops import SampledLoops
+    from dynid.lti.delay_system import DelaySystem
 
 
 def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
@@ -195,7 +196,8 @@ def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) 
 def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Add the state equations, and responses over frequency and time."""
     asked, late = analysis.results, any(loop.delayed for loop in analysis.loops)
-    delayed, modelled = None, reduced
+    delayed: DelaySystem | None = None
+    modelled = reduced
     outputs, stored = reduced.outputs, tuple(analysis.initial)
     if analysis.sampled_loops is not None and "time_response" in asked:
         from dynid.bondgraph.sampled_response import sampled_system

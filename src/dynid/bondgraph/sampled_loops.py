@@ -263,7 +263,7 @@ class SampledLoops:
         from flint import ctx
 
         with ctx.workprec(_LOOP_BITS):
-            return self.matrix(self.period, self.computations, closed, _LOOP_BITS).charpoly().coeffs()
+            return list(self.matrix(self.period, self.computations, closed, _LOOP_BITS).charpoly().coeffs())
 
     def _radius(self, period: Fraction, computations: Sequence[Fraction]) -> float:
         """Return the largest |z| of the discrete poles in double precision; inf where it overflows."""

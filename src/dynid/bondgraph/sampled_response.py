@@ -96,7 +96,7 @@ def sampled_response(
             return np.asarray(graph[:, shown][:, :, driven] + back)
 
     def evaluate(omega: NDArray[np.float64]) -> ComplexArray:
-        response = closed(1j * omega, frequency_response(reduced, omega))
+        response = closed(np.asarray(1j * omega), frequency_response(reduced, omega))
         for k in np.flatnonzero(~np.isfinite(response).all(axis=(1, 2))):
             response[k] = around(complex(0, omega[k]))
         return response
@@ -108,7 +108,7 @@ def sampled_response(
         radius = _CIRCLE_RADIUS * min(float(apart.min(initial=np.inf)), 1 / period)
         points = s + radius * np.exp(2j * np.pi * (np.arange(_CIRCLE_POINTS) + 0.5) / _CIRCLE_POINTS)
         states = np.linalg.solve(points[:, None, None] * np.eye(len(system.A)) - system.A, system.B + 0j)
-        graph = system.C @ states + system.D
+        graph = np.asarray(system.C @ states + system.D, dtype=np.complex128)
         for order, matrix in enumerate(system.higher, 1):
             graph = graph + points[:, None, None] ** order * matrix
         return np.asarray(closed(points, graph).mean(axis=0))

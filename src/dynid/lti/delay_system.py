@@ -212,7 +212,9 @@ class Propagation:
         breaks = self._signal_breaks()
         self._unit = _common_denominator([*system.delays, self.stop, period, *(time for time, *_ in breaks)])
         #: Break points ahead: time in ticks, input, order of the derivative that jumps, Dirac strength.
-        self._breaks = [(self._ticks(time), column, *jump) for time, column, *jump in breaks]
+        self._breaks: list[tuple[int, int, int, float]] = [
+            (self._ticks(time), column, order, strength) for time, column, order, strength in breaks
+        ]
         heapify(self._breaks)
         self._delays, self._now = [self._ticks(delay) for delay in system.delays], 0
         self._shortest = min(self._delays, default=self._ticks(self.stop or Fraction(1)))
@@ -487,10 +489,12 @@ class Propagation:
     def _built_operator(self, length: float) -> tuple[Array, Array]:
         n, count, terms = len(self._A), self._B.shape[1], self.degree + 1
         directions = np.eye(n) if n < count else self._B  # fewer columns, fewer coefficients
-        scale = _COEFFICIENT_SCALE ** np.arange(terms)
+        scale = np.asarray(_COEFFICIENT_SCALE ** np.arange(terms), dtype=np.float64)
         rate = self._rate * scale[:, None] / scale
-        drive = np.kron(directions * length, (-1.0) ** np.arange(terms) / scale)
-        joint = joint_generator(self._A * length, drive, np.kron(np.eye(directions.shape[1]), rate))
+        signs = np.asarray((-1.0) ** np.arange(terms), dtype=np.float64)
+        drive = np.asarray(np.kron(directions * length, signs / scale), dtype=np.float64)
+        rates = np.asarray(np.kron(np.eye(directions.shape[1]), rate), dtype=np.float64)
+        joint = joint_generator(self._A * length, drive, rates)
         states = np.zeros((terms, n, n + count * terms))
         for k, node in enumerate(self._nodes.tolist() if n else ()):
             E = exponential(joint, node)[:n]

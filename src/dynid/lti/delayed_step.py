@@ -129,7 +129,7 @@ class _DelayedStep(StepResponse):
         sign = 1 if self.final > 0 else -1
         over = np.asarray(sign * self._values >= (fraction - 1) * self.final * sign)
         segment = int(over.any(axis=1).argmax())
-        point = int(over[segment].argmax())
+        point = int(np.argmax(over[segment]))
         return self._crossing(segment, point - 1, point, (fraction - 1) * self.final)
 
     def _last_outside(self, reference: float, level: float) -> float:
@@ -137,8 +137,8 @@ class _DelayedStep(StepResponse):
         outside = np.abs(self._values) > BAND * reference
         if not outside.any():
             return 0.0
-        segment = len(outside) - 1 - int(outside.any(axis=1)[::-1].argmax())
-        point = _POINTS - 1 - int(outside[segment][::-1].argmax())
+        segment = int(np.flatnonzero(outside.any(axis=1))[-1])
+        point = _POINTS - 1 - int(np.argmax(outside[segment, ::-1]))
         level = math.copysign(BAND * reference, self._values[segment, point])
         return self._crossing(segment, point, point + 1, level)
 

@@ -60,7 +60,7 @@ def discrete_controller(
         )
     order, zero = bottom.degree(), fmpq(0)
     below, above = ([part[order - k] / bottom[order] for k in range(order + 1)] for part in (bottom, top))
-    rows = [
+    rows: list[list[Any]] = [
         [*(fmpq(int(k == i + 1)) - (below[i + 1] if k == 0 else 0) for k in range(order)),
          above[i + 1] - below[i + 1] * above[0]]
         for i in range(order)

@@ -118,9 +118,9 @@ def analyse(
     order = np.argsort(fit.poles.imag, kind="stable")
     fit = model.evaluate(fit.poles[order], fit.participation[:, order], fit.free[:, order])
     free_degrees = degrees(model, fit)
-    ratio = fit.chi2 / free_degrees
-    doubtful = ratio > 1 + _LACK_OF_FIT * np.sqrt(2 * frf.correlation / free_degrees)
-    bar_scale = float(np.sqrt(ratio)) if doubtful else 1.0
+    reduced_chi2 = fit.chi2 / free_degrees
+    doubtful = reduced_chi2 > 1 + _LACK_OF_FIT * np.sqrt(2 * frf.correlation / free_degrees)
+    bar_scale = float(np.sqrt(reduced_chi2)) if doubtful else 1.0
     modes = np.flatnonzero(in_band(fit.poles, frf) & (fit.poles.real < 0))
     if not len(modes):
         raise NumericalError("no mode is found in the band", remedy="Choose the band by the peaks.")

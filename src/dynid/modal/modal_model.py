@@ -126,7 +126,8 @@ class ModalModel:
         residues = np.zeros((self.responses, self.references, len(poles)), dtype=complex)
         for pair in self._pairs():
             X = self._projected(pair, columns)
-            residues[pair] = self._join(np.linalg.lstsq(X, self._data[pair], rcond=None)[0])
+            solution = np.asarray(np.linalg.lstsq(X, self._data[pair], rcond=None)[0], dtype=np.float64)
+            residues[pair] = self._join(solution)
         return residues
 
     def _projected(self, pair: tuple[int, int], columns: Array) -> Array:

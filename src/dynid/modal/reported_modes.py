@@ -151,12 +151,12 @@ def _by_driving_point(
     responses, references = (np.array(index) for index in zip(*points, strict=True))
     n = len(modes)
     if own:  # shapes are participations at the references: of unit modal a already
-        scale = np.ones(n, dtype=complex)
-        signed = scale * _signs(fit.shapes[:, modes] * scale)
-        return signed, np.full(n, responses[0]), np.zeros(n, dtype=complex), None
+        scale = np.ones(n, dtype=np.complex128)
+        signed = np.asarray(scale * _signs(fit.shapes[:, modes] * scale))
+        return signed, np.full(n, responses[0]), np.zeros(n, dtype=np.complex128), None
     residues = fit.shapes[responses][:, modes] * fit.participation[references][:, modes]
     best = np.argmax(np.abs(residues), axis=0)
-    at, force = responses[best], references[best]
+    at, force = np.asarray(responses[best]), references[best]
     psi, participation = fit.shapes[at, modes], fit.participation[force, modes]
     if np.all((participation / psi).imag == 0) and np.any((participation / psi).real < 0):
         raise NumericalError(

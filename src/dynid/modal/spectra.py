@@ -141,7 +141,7 @@ def _of_impacts(records: Sequence[TimeRecord], exponential: float | None) -> Spe
             remedy="Record impacts anew.",
             names=("measurement.records", "measurement"),
         )
-    omega = 2 * np.pi * np.fft.rfftfreq(n, step)
+    omega = np.asarray(2 * np.pi * np.fft.rfftfreq(n, step), dtype=np.float64)
     forces = [np.fft.rfft(record.force * window) for record in good]
     spectra = [np.fft.rfft(record.values * window[:, None], axis=0) for record in good]
     values: dict[tuple[str, str], ComplexArray] = {}
@@ -187,7 +187,7 @@ def _of_random(records: Sequence[TimeRecord], exponential: float | None, segment
             names=("segment",),
         )
     window = np.hanning(length + 1)[:-1]
-    omega = 2 * np.pi * np.fft.rfftfreq(length, step)
+    omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, step), dtype=np.float64)
 
     def transformed(signal: Array) -> ComplexArray:
         parts = np.array([signal[start : start + length] for start in starts])

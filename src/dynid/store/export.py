@@ -96,7 +96,7 @@ def matlab_file(result: Result) -> bytes:
     UsageError
         Where the result holds neither.
     """
-    variables = _state_space(result)
+    variables: dict[str, Any] = dict(_state_space(result))
     for method, matrices in _reductions(result).items():
         variables[method.replace("-", "_")] = matrices
     if not variables:
@@ -130,7 +130,7 @@ def state_space_file(result: Result, suffix: str) -> bytes:
         return _matlab_bytes(variables)
     stream = BytesIO()
     texts = {name: value.astype(str) for name, value in variables.items() if value.dtype.kind == "O"}
-    np.savez(stream, **variables | texts)
+    np.savez(stream, **variables | texts)  # type: ignore[arg-type]
     return stream.getvalue()
 
 
@@ -182,9 +182,9 @@ def universal_modes(result: Result) -> bytes:
         raise UsageError(
             "the result holds no modes of a modal analysis", remedy="Export the result of a modal-analysis."
         )
-    arrays = (result[f"modal/{name}"].data for name in ("frequency", "damping", "shape"))
+    frequency, damping, shape = (result[f"modal/{name}"].data for name in ("frequency", "damping", "shape"))
     names = [str(channel) for channel in result["modal/channel"].data]
-    return universal_shapes(*arrays, names, result.title)
+    return universal_shapes(frequency, damping, shape, names, result.title)
 
 
 def matrix_market_files(result: Result) -> dict[str, bytes]:

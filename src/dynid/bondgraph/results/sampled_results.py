@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ def add_sampled(result: Result, loops: SampledLoops, omega: NDArray[np.float64] 
     computations = ", ".join(f"{float(computation):g}" for _, computation in timing)
     result.annotate(_SAMPLED, sample=float(loops.period), computation=computations, note=_NOTE)
     functions = [
-        (QuasiPolynomial({frozenset(): above}), QuasiPolynomial({frozenset(): below}))
+        (QuasiPolynomial({Fraction(0): above}), QuasiPolynomial({Fraction(0): below}))
         for above, below in map(loops.loop, numbers)
     ]
     half = float(loops.period) / 2

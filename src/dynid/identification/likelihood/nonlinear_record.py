@@ -28,7 +28,7 @@ from dynid.identification.systems.nonlinear_prediction import (
 )
 from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.identification.systems.prediction import Prediction, Trajectory
-from dynid.structure.nonlinear.march import Refine
+from dynid.structure.nonlinear.tables import Refine
 
 # Most steps to the first state, and the change of the sum of squares, relative, below which one is the last.
 _MAX_START_STEPS, _LAST_GAIN = 12, 1e-8
@@ -124,7 +124,7 @@ class NonlinearRecord(TimeRecord):
         """Return True if steps between samples are short enough at a fit; else they are from now on."""
         hidden = hidden_start(self.model, fit.eta, *np.split(fit.predicted.start, [self.model.states]))
         needed = steps_needed(self.model, fit.eta, fit.predicted.start[: self.model.states], hidden.z0)
-        enough = needed <= self._kept.get("steps", 1)
+        enough = bool(needed <= self._kept.get("steps", 1))
         if not enough:
             self._kept["steps"] = needed
         return enough

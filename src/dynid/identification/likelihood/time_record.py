@@ -509,7 +509,7 @@ def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, root_of_p
     """
     root = _initial_root(record, fit, noise, root_of_parameters)
     if (state_slopes := record.state_slopes(fit)) is not None:
-        return np.linalg.norm(state_slopes[stored_rows(len(state_slopes))] @ root, axis=2)
+        return np.asarray(np.linalg.norm(state_slopes[stored_rows(len(state_slopes))] @ root, axis=2))
     model, n = record.model.moved(fit.eta), record.model.states
     transitions = [model.transition(fit.eta, h) for h in model.line.lengths]
     stored = np.zeros(len(model.line.nodes), dtype=bool)

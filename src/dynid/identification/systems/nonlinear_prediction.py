@@ -34,8 +34,9 @@ from dynid.parameters import named, rates
 from dynid.structure.excitation import drive
 from dynid.structure.matrices import as_array
 from dynid.structure.nonlinear.laws import BoundLaw
-from dynid.structure.nonlinear.march import Columns, LinearRest, Steps, accurate_march, march
+from dynid.structure.nonlinear.march import accurate_march, march
 from dynid.structure.nonlinear.model_laws import ModelLaw, model_laws
+from dynid.structure.nonlinear.tables import Columns, LinearRest, Steps
 
 # Singular values of what parameters act on below this part of the largest are round-off.
 _RANK_TOL = 1e-12
@@ -96,9 +97,8 @@ def hidden_start(model: ParametricModel, eta: Array, x0: Array, numbers: Array) 
     """
     laws, rows = _laws(model, eta), _deflections(model)
     rate = rates(model.unknowns, eta)
-    out = HiddenStart(
-        *np.zeros((2, len(numbers))), np.zeros((len(numbers), len(x0))), np.zeros((len(numbers), len(eta)))
-    )
+    z0, by_number = np.zeros((2, len(numbers)))
+    out = HiddenStart(z0, by_number, np.zeros((len(numbers), len(x0))), np.zeros((len(numbers), len(eta))))
     with_hidden = [law for law in laws if law.bound.law.hidden]
     for k, (law, s) in enumerate(zip(with_hidden, numbers.tolist(), strict=True)):
         bound = law.bound

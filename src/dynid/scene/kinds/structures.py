@@ -76,9 +76,10 @@ def dof_joint(name: str, joint: JointModel) -> Joint:
         said = f"joint {name} is between points, which a structure has in an identification only"
         raise UsageError(said, remedy="Name DOFs.", names=(f"joints.{name}",))
     try:
-        values = (joint_parameter(value) for value in (joint.k, joint.c, joint.m, joint.eta))
-        laws = {"laws": joint_laws(name, joint), "offset": joint_offset(joint)} if joint.laws else {}
-        return Joint(name, tuple(joint.dofs), *values, **laws)  # k, c, m and eta
+        k, c, m, eta = (joint_parameter(value) for value in (joint.k, joint.c, joint.m, joint.eta))
+        laws = joint_laws(name, joint) if joint.laws else ()
+        offset = joint_offset(joint) if joint.laws else None
+        return Joint(name, tuple(joint.dofs), k, c, m, eta, laws=laws, offset=offset)
     except UsageError as error:
         places = error.names or (f"joints.{name}",)
         raise UsageError(error.problem, remedy=error.remedy, names=places) from None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
@@ -208,6 +208,7 @@ class ReductionScene(SceneModel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         message = "the joints of a comparison are known: give a 'value', or the number alone"
+        parameters: Iterable[tuple[tuple[str | int, ...], ParameterModel | LawParameterModel]]
         parameters = (*sections(self, ParameterModel), *sections(self, LawParameterModel))
         started = (path for path, parameter in parameters if parameter.start is not None)
         unknown = [((*path, "start", AT_KEY), message) for path in started]

@@ -66,19 +66,19 @@ def march(
     if first:
         S[:, p : p + n], T[:, p + n :] = np.eye(n), np.eye(nl)
     acceleration = rest.rows[nf : 2 * nf]
-    state = {
+    state: dict[str, Any] = {
         "x": x0.copy(), "z": z0.copy(), "S": S, "T": T, "work": np.zeros(nf), "done": np.zeros(1),
         "wanted": np.zeros(2 * nf), "state": np.array(first_regimes(rest, laws, x0, z0), dtype=np.int64),
         "at": np.zeros(4, dtype=np.int64),
     }  # fmt: skip
-    out = {
+    out: dict[str, Any] = {
         "states": np.empty((samples, n)), "hidden": np.empty((samples, nl)),
         "forces": np.empty((samples, nf)), "works": np.empty((samples, nf)),
         "slopes": np.empty((samples, n, q)), "force_slopes": np.empty((samples, nf, q)),
         "hidden_slopes": np.empty((samples, nl, q)),
         "regime_of": np.empty((samples, nl), dtype=np.int64),
     }  # fmt: skip
-    fixed = {
+    fixed: dict[str, Any] = {
         "rows": rest.rows, "D": rest.D, "rate_A": acceleration @ rest.A, "rate_D": acceleration @ rest.D,
         "codes": np.array([law.law.code for law in laws], dtype=np.int64),
         "places": np.array([law.row for law in laws], dtype=np.int64),
@@ -119,12 +119,9 @@ def march(
             raise Refine("the joint forces of a step do not converge, or their regimes change without end")
         regimes.append(Regime(rest, state["wanted"][:nf].copy(), state["wanted"][nf:].copy()))
         tables = _tables(rest, regimes, lengths)
-    return Motion(
-        *(out[name] for name in ("states", "hidden", "forces", "regime_of", "works")),
-        *(out[name] for name in ("slopes", "force_slopes", "hidden_slopes")),
-        int(state["at"][1]),
-        int(state["at"][2]),
-    )  # fmt: skip
+    names = ("states", "hidden", "forces", "regime_of", "works", "slopes", "force_slopes", "hidden_slopes")
+    arrays = (out[name] for name in names)
+    return Motion._make((*arrays, *map(int, state["at"][1:3])))
 
 
 def _tables(rest: LinearRest, regimes: Sequence[Regime], lengths: Array) -> dict[str, Any]:

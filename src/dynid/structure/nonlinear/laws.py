@@ -44,9 +44,7 @@ class Law:
 
     kind: ClassVar[str]
     names: tuple[str, ...]  # its parameters
-    signed: tuple[
-        str, ...
-    ] = ()  # those that may be negative: they are estimated themselves, not as logarithms
+    signed: tuple[str, ...] = ()  # those that may be negative: estimated themselves, not as logarithms
     units: tuple[str, ...] = ()  # of the parameters, over a translation; empty: not known
     code: ClassVar[int] = 0  # the law's number in `native/march.c`; 0: NumPy alone has it
     hidden: ClassVar[bool] = False  # True if it has a hidden state
@@ -93,7 +91,8 @@ def _sign(x: Any) -> Any:
 class Power(Law):
     """a |d|^m |v|^n, times the signs of d and v where it is signed in them."""
 
-    kind, names, signed, code = "power", ("a",), ("a",), 1
+    kind, names, code = "power", ("a",), 1
+    signed: tuple[str, ...] = ("a",)
 
     def __init__(self, d: float = 0, v: float = 0, signed: Sequence[str] = ()) -> None:
         self.exponents = (float(d), float(v))
@@ -308,7 +307,9 @@ class _Dual(NamedTuple):
         if operation == "**":
             base, exponent = operands
             value = np.power(*x)
-            rates = (x[1] * np.power(x[0], x[1] - 1.0) if base.slopes and np.any(x[1]) else 0.0,)
+            rates: tuple[Any, ...] = (
+                x[1] * np.power(x[0], x[1] - 1.0) if base.slopes and np.any(x[1]) else 0.0,
+            )
             rates += (value * np.log(x[0]) if exponent.slopes else 0.0,)
         else:
             function, derivatives = _OPERATIONS[operation]

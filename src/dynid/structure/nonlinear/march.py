@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -88,9 +88,9 @@ class _March:
     def forces(self, w: Array, z: Array) -> _Forces:
         """Return the forces at nodes with rows w (nodes x rows) and hidden states z (nodes x laws)."""
         nodes, nf, laws = len(w), self.rest.forces, len(self.laws)
-        f = _Forces(
-            *np.zeros((3, nodes, nf)), np.zeros((nodes, nf, laws)), *np.zeros((4, nodes, laws)), [], []
-        )
+        value, d, v = np.zeros((3, nodes, nf))
+        rates = np.zeros((4, nodes, laws))
+        f = _Forces(value, d, v, np.zeros((nodes, nf, laws)), rates[0], rates[1], rates[2], rates[3], [], [])
         for index, (law, regime) in enumerate(zip(self.laws, self.regimes, strict=True)):
             d, v, hidden = w[:, law.row], w[:, nf + law.row], z[:, index]
             force, rate = law.force(regime, d, v, hidden), law.rate(regime, d, v, hidden)
@@ -211,7 +211,7 @@ class _March:
         def force(W: Array, Z: Array, nodes: slice) -> Array:
             moved = (f.d[nodes] - regime.k)[..., None] * W[:, :nf]
             moved = moved + (f.v[nodes] - regime.c)[..., None] * W[:, nf : 2 * nf]
-            return moved + np.einsum("efl,elq->efq", f.z[nodes], Z) + direct[nodes]
+            return np.asarray(moved + np.einsum("efl,elq->efq", f.z[nodes], Z) + direct[nodes])
 
         def rate(W: Array, nodes: slice) -> Array:
             rows = [law.row for law in self.laws]
@@ -322,7 +322,8 @@ class _March:
 
         def total(function: Slopes) -> Array:
             moved = function.d * W[law.row] + function.v * W[nf + law.row] + function.z * self.T[event.law]
-            return moved + sum((s * row for s, row in zip(function.p, by, strict=True)), np.zeros(q))
+            by_values = sum((s * row for s, row in zip(function.p, by, strict=True)), np.zeros(q))
+            return np.asarray(moved + by_values)
 
         acceleration = self.rest.rows[nf + law.row] @ (
             self.rest.A @ self.x + self.rest.D[:, :nf] @ f.value[0] + self.rest.D[:, nf : nf + len(u)] @ u
@@ -399,8 +400,8 @@ class _Forces(NamedTuple):
     rate_d: Array
     rate_v: Array
     rate_z: Array
-    p: list
-    rate_p: list
+    p: list[Any]
+    rate_p: list[Any]
 
 
 class _Step(NamedTuple):
@@ -474,7 +475,7 @@ def march(
         if sample == samples:
             break
         state.advance(index, float(steps.lengths[index]))
-    return Motion(*out, state.events, state.steps)
+    return Motion._make((*out, state.events, state.steps))
 
 
 class Accuracy(NamedTuple):

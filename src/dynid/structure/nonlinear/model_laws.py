@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def law_unknowns(joints: Sequence[Joint], kind: Callable[[Label], str]) -> tuple
                 if parameter.start is None:
                     continue
                 unit = "" if rotating or place >= len(units) else units[place]
-                scale = "linear" if parameter.signed else "log"
+                scale: Literal["log", "linear"] = "linear" if parameter.signed else "log"
                 numbers = parameter.start, parameter.true, parameter.low, parameter.high, parameter.prior
                 unknowns.append(Parameter(name, *numbers, scale=scale, unit=unit))
     return tuple(unknowns)

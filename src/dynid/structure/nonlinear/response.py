@@ -19,8 +19,9 @@ from dynid.result import Result
 from dynid.structure.excitation import Excitation
 from dynid.structure.model import StructuralModel
 from dynid.structure.nonlinear.laws import BoundLaw
-from dynid.structure.nonlinear.march import Accuracy, LinearRest, Motion, accurate_march
+from dynid.structure.nonlinear.march import Accuracy, accurate_march
 from dynid.structure.nonlinear.model_laws import model_laws
+from dynid.structure.nonlinear.tables import LinearRest, Motion
 from dynid.structure.state_space import massless_motion
 
 

@@ -43,14 +43,16 @@ def lobatto() -> tuple[Array, Array, Array]:
     c = np.concatenate([[0.0], (1 + np.sort(np.real(inner))) / 2, [1.0]])
     L = np.linalg.inv(np.vander(c, increasing=True)).T
     k = np.arange(1, NODES + 1)
-    return c, L, (c[:, None] ** k / k) @ L.T
+    weights = np.asarray((c[:, None] ** k / k) @ L.T, dtype=np.float64)
+    return c, L, weights
 
 
 @cache
 def _load_points() -> tuple[Array, Array]:
     """Return the points in [0, 1] at which loads are evaluated, and the matrix to their polynomials."""
     x = (1 - np.cos(np.pi * np.arange(LOAD_DEGREE + 1) / LOAD_DEGREE)) / 2
-    return x, np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * x - 1, LOAD_DEGREE))
+    vandermonde = np.polynomial.chebyshev.chebvander(2 * x - 1, LOAD_DEGREE)
+    return x, np.asarray(np.linalg.inv(vandermonde), dtype=np.float64)
 
 
 class LinearRest(NamedTuple):
@@ -192,7 +194,7 @@ class Regime:
         return self._assembled(h, P, QD)
 
 
-def phi_functions(z: Array, order: int) -> Array:
+def phi_functions(z: ComplexArray, order: int) -> ComplexArray:
     """Return phi_0 … phi_order of numbers z (order + 1 x …): phi_0 = exp, z phi_(k+1) = phi_k - 1 / k!."""
     out = np.empty((order + 1, *z.shape), dtype=complex)
     out[0] = np.exp(z)
