@@ -18,7 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,7 +134,9 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
     names, p = tested[0][-1].names, len(likelihood.unknowns)
     round_off = all(np.all(f.size < _RESIDUAL_ROUND_OFF * record.data.rms) for record, f, _ in tested)
 
-    def test(*, free: bool, coloured: bool, weights: Sequence[_Columns] = ()) -> tuple[Any, Any]:
+    def test(
+        *, free: bool, coloured: bool, weights: Sequence[_Columns] = ()
+    ) -> tuple[Nonlinearity, list[_Columns]]:
         columns = []
         for k, (record, record_fit, _) in enumerate(tested):
             shared, responses = regressors[k]
