@@ -192,3 +192,33 @@ def test_faults_of_lines_are_located(old, new, message):
     with pytest.raises(SceneError) as raised:
         scene(LINE.replace(old, new))
     assert message in str(raised.value)
+
+
+def test_a_sampled_controller_behind_a_matched_line():
+    """The wave is the held input, late: steps of a lag by its exponential."""
+    text = LINE.replace("Rs: {type: R, value: 0.2}", "Rs: {type: R, value: 2}").replace(
+        "a -> Rs,", "a -> Rs, b -> C,"
+    )
+    text = text.replace("RL: {type: R, value: 50}", "RL: {type: R, value: 5}\n    C: {type: C, value: 0.5}")
+    loop = "{from: C.e, to: u, controller: {pid: {kp: 0.2, ki: 0.5}, sample: 0.1, computation: 0.04}, setpoint: w}"
+    text = text.replace("analysis:", f"control: {{loops: [{loop}]}}\nanalysis:")
+    text = text.replace(
+        "outputs: [RL.e, Rs.f]", "outputs: [C.e], time: {stop: 20, step: 0.05, input: {kind: step}}"
+    )
+    result = dynid.run(scene(text))
+    step, rate = 0.01, (1 / 2 + 1 / 5) / 0.5
+    decay = np.exp(-rate * step)
+    gain = (1 - decay) / (2 * 0.5 * rate)
+    x, integral, held, values, answers = 0.0, 0.0, np.zeros(2100), [], {}
+    for k in range(2001):
+        values.append(x)
+        if k % 10 == 0:
+            answers[k + 4] = 0.2 * (1 - x) + integral + 0.5 * 0.05 * (1 - x)
+            integral += 0.5 * 0.1 * (1 - x)
+        held[k] = answers.get(k, held[k - 1] if k else 0.0)
+        x = decay * x + gain * (held[k - 50] if k >= 50 else 0.0)
+    response = result["bond_graph/time_response/response"].data[:, 0]
+    assert response == pytest.approx(values[::5], abs=1e-13)
+    assert result.value("bond_graph/system/stability") == "undecided"
+    with pytest.raises(SceneError, match="there is no 'step_info' with sampled loops with a line"):
+        scene(text.replace("outputs: [C.e]", "outputs: [C.e], results: [step_info]"))

@@ -93,7 +93,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         _add_port(result, reduced, analysis, analysis.port)
     _add_responses(result, reduced, analysis)
     _add_graph_scope(result, reduced, analysis)
-    if any(loop.delayed for loop in analysis.loops):
+    if any(loop.delayed for loop in analysis.loops) and analysis.sampled_loops is None:
         from dynid.bondgraph.results.margin_results import with_delays
 
         return with_delays(result, analysis)

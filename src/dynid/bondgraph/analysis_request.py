@@ -96,6 +96,8 @@ MAX_LINES = 8
 WITH_LINES: frozenset[ResultName] = frozenset(
     {"transfer_function", "zeros", "poles", "properties", "step_info", "frequency_response", "time_response"}
 )
+#: Results of graphs with sampled loops and lines.
+SAMPLED_LINES: frozenset[ResultName] = frozenset({"properties", "time_response"})
 #: Results that the symbolic engine has no numbers for.
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
 

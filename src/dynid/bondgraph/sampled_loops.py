@@ -52,6 +52,8 @@ _LIMIT_RTOL, _MOST_SECANTS = 1e-12, 100
 _CIRCLE = 1e-12
 #: A gain without structure: no mode that a loop moves stays where it is.
 _GENERIC_GAIN = Fraction(104729, 7919)
+#: Why the verdict on sampled loops around lines is open.
+_LINES = "with a line (TL) between samples there is no finite polynomial in z; see the time response"
 #: Relative distance of e^(λT) of two natural modes below which sampling nearly confuses them.
 _CONFUSED = 1e-3
 
@@ -63,18 +65,20 @@ class CutGraph(NamedTuple):
     held: tuple[str, ...]  # the source through which each loop acts
     answered: tuple[Port, ...]  # what each controller answers to
     variables: dict[Port, Port]  # variables of the driven sources, under the names that they had
+    delayed: tuple[tuple[str, Port], ...] = ()  # of lines: what arrives, a source, and what leaves
 
 
-def cut_graph(opened: BondGraph, loops: Sequence[Loop]) -> CutGraph:
-    """Return a graph with its loops cut, each with a source in place of its answer."""
+def cut_graph(opened: BondGraph, loops: Sequence[Loop], lines: Sequence[Loop] = ()) -> CutGraph:
+    """Return a graph with its loops cut, each with a source in place of its answer, and lines cut open."""
     names = {*opened.nodes, *(name for loop in loops for name in (loop.reference, loop.setpoint))}
     cut = list[Loop]()
     for loop in loops:
         probes = (f"{loop.source}_held{number or ''}" for number in count())
         cut.append(replace(loop.cut(next(name for name in probes if name not in names)), sampling=None))
         names.add(cut[-1].reference)
-    closed = close_loops(opened, cut)
-    return CutGraph(closed.graph, tuple(loop.reference for loop in cut), closed.answered, closed.variables)
+    closed = close_loops(opened, [*cut, *lines], cut=True)
+    held = tuple(loop.reference for loop in cut)
+    return CutGraph(closed.graph, held, closed.answered[: len(cut)], closed.variables, closed.delayed)
 
 
 class SampledLoops:
@@ -85,13 +89,16 @@ class SampledLoops:
     """
 
     def __init__(self, opened: BondGraph, loops: Sequence[Loop]) -> None:
-        self.opened, self.loops = opened, tuple(loops)
+        self.opened, self.loops = opened, tuple(loop for loop in loops if not loop.line)
+        self.lines, loops = [loop for loop in loops if loop.line], self.loops
         self._timing = [loop.sampling or Sampling(Fraction(0)) for loop in loops]
         self.period = _exact(self._timing[0].period)
         self.computations = tuple(_exact(timing.computation) for timing in self._timing)
         self._quotients = [
             ([*map(_exact, loop.numerator)], [*map(_exact, loop.denominator)]) for loop in loops
         ]
+        if self.lines:
+            return
         generic = [
             replace(loop, numerator=[_GENERIC_GAIN], denominator=[Fraction(1)], sampling=None)
             for loop in loops
@@ -218,6 +225,8 @@ class SampledLoops:
     @cached_property
     def verdict(self) -> Verdict:
         """The verdict on loops, controllers and every separate part of the graph."""
+        if self.lines:
+            return Verdict("undecided", _LINES, math.nan)
         return combined([self._shown, *self._generic.unseen()])
 
     @cached_property
@@ -370,6 +379,8 @@ class SampledLoops:
 
         Sampling does not distinguish λ and μ = λ + 2πjk/T (Kalman, Ho & Narendra 1963).
         """
+        if self.lines:
+            return []
         A = np.array([[float(entry.p) / float(entry.q) for entry in row] for row in self.plant.A])
         values = np.linalg.eigvals(A) if len(A) else np.empty(0, complex)
         T = float(self.period)

@@ -14,7 +14,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arithmetic.ldl import reference
+from dynid.arithmetic.numbers import rounded as rounded_number
 from dynid.arrays import ComplexArray
+from dynid.bondgraph.cut_loops import in_proportion
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.graph_response import frequency_response
 from dynid.bondgraph.graph_state_space import state_space
@@ -39,13 +42,16 @@ def sampled_system(
 
     `initial`: storages with energy at t = 0, each with an input `initial:NAME` after those of the graph.
     """
-    cut = cut_graph(loops.opened, loops.loops)
-    rows = list(dict.fromkeys([*outputs, *cut.answered]))
-    reduced = ReducedGraph(cut.graph, list(dict.fromkeys([*inputs, *cut.held])), rows, traced=False)
-    columns = [*inputs, *(f"initial:{name}" for name in initial), *cut.held]
-    plant = DelaySystem(state_space(reduced, tuple(initial)).with_inputs(columns), ())
-    plant = plant.with_outputs([rows.index(port) for port in (*outputs, *cut.answered)])
-    return SampledSystem(plant.lft, plant.delays, loops.float_controllers(), loops.period), reduced
+    cut = cut_graph(loops.opened, loops.loops, loops.lines)
+    shown, leaving = [*outputs, *cut.answered], [port for _, port in cut.delayed]
+    rows, arriving = [*dict.fromkeys(shown), *leaving], [source for source, _ in cut.delayed]
+    sources = list(dict.fromkeys([*inputs, *cut.held, *arriving]))
+    reduced = ReducedGraph(cut.graph, sources, rows, traced=False)
+    columns = [*inputs, *(f"initial:{name}" for name in initial), *cut.held, *arriving]
+    lft = state_space(reduced, tuple(initial)).with_inputs(columns)
+    delays = tuple(in_proportion([rounded_number(reference(loop.delay)) for loop in loops.lines]))
+    plant = DelaySystem(lft, delays).with_outputs([rows.index(port) for port in shown])
+    return SampledSystem(plant.lft, delays, loops.float_controllers(), loops.period), reduced
 
 
 def sampled_steps(

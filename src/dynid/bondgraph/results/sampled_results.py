@@ -32,6 +32,9 @@ def add_sampled(result: Result, loops: SampledLoops, omega: NDArray[np.float64] 
 
     `omega`: frequencies of the sensitivity functions, rad/s; default: around the crossings.
     """
+    if loops.lines:
+        add_system(result, loops.verdict)
+        return
     names = [f"{loop.measured} -> {loop.source}" for loop in loops.loops]
     numbers = range(len(names))
     loop_margins = [loops.margins(number) for number in tracked(numbers, "margins of loop")]

@@ -13,6 +13,7 @@ from dynid.arithmetic.dependent import Dual
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.analysis_request import (
     SAMPLED,
+    SAMPLED_LINES,
     WITH_LINES,
     Analysis,
     FormulaRequest,
@@ -260,7 +261,7 @@ def graph_analysis(
     if model.control is not None and model.control.sampled:
         asked &= SAMPLED
     if any(loop.line for loop in built.loops):
-        asked &= WITH_LINES
+        asked &= SAMPLED_LINES if model.control is not None and model.control.sampled else WITH_LINES
     signals: list[tuple[str, Signal]] = []
     apart = False
     if "time_response" in asked:

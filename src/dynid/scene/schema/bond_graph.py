@@ -23,6 +23,7 @@ from dynid.bondgraph.analysis_request import (
     MAX_LINES,
     NUMERIC,
     SAMPLED,
+    SAMPLED_LINES,
     USUAL,
     WITH_LINES,
     Engine,
@@ -554,8 +555,11 @@ class BondGraphScene(ComposedScene):
     def _line_faults(self) -> Iterator[Located]:
         """Yield what a graph with lines does not have."""
         lines = "with a line (TL); leave it out, or write the line as pieces of I and C"
+        allowed = WITH_LINES
+        if self.control is not None and self.control.sampled:
+            allowed, lines = SAMPLED_LINES, f"with sampled loops {lines}"
         for index, name in enumerate(self.analysis.results or ()):
-            if name not in WITH_LINES:
+            if name not in allowed:
                 yield ("analysis", "results", index), f"there is no '{name}' {lines}"
         if self.analysis.port is not None:
             yield ("analysis", "port", AT_KEY), f"there is no 'port' {lines}"
