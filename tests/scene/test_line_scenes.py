@@ -200,7 +200,8 @@ def test_a_sampled_controller_behind_a_matched_line():
         "a -> Rs,", "a -> Rs, b -> C,"
     )
     text = text.replace("RL: {type: R, value: 50}", "RL: {type: R, value: 5}\n    C: {type: C, value: 0.5}")
-    loop = "{from: C.e, to: u, controller: {pid: {kp: 0.2, ki: 0.5}, sample: 0.1, computation: 0.04}, setpoint: w}"
+    pid = "{pid: {kp: 0.2, ki: 0.5}, sample: 0.1, computation: 0.04}"
+    loop = f"{{from: C.e, to: u, controller: {pid}, setpoint: w}}"
     text = text.replace("analysis:", f"control: {{loops: [{loop}]}}\nanalysis:")
     text = text.replace(
         "outputs: [RL.e, Rs.f]", "outputs: [C.e], time: {stop: 20, step: 0.05, input: {kind: step}}"

@@ -20,11 +20,13 @@ from dynid.bondgraph.graph import Port
 from dynid.parameters import Parameter
 
 if TYPE_CHECKING:
+    from dynid.bondgraph.controller_circuits import Loop
     from dynid.bondgraph.graph import BondGraph
 
 
 RootKind = Literal["zero", "pole"]
-NormKind = Literal["peak", "h2", "hinf"]
+NormKind = Literal["peak", "h2", "hinf", "maximise"]
+LoopKind = Literal["phase_margin", "gain_margin", "Ms", "Mt"]
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,42 @@ class RootTarget:
 
 
 @dataclass(frozen=True)
+class LoopTarget:
+    """A wanted margin of a feedback loop, the others closed."""
+
+    kind: LoopKind
+    loop: int  # its index
+    name: str  # FROM -> TO
+    frequency: float  # the wanted value: degrees, a factor, or a size
+    #: output, input: A channel whose response is shown before and after.
+    output: Port
+    input: str
+    damping: None = None
+
+    @property
+    def margin(self) -> str:
+        """Its name among the margins of a loop."""
+        return {"phase_margin": "phase", "gain_margin": "gain"}.get(self.kind, self.kind)
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return "deg" if self.kind == "phase_margin" else ""
+
+    @property
+    def channel(self) -> str:
+        """The name of the loop."""
+        return f"the loop {self.name}"
+
+    def root_text(self, value: float, damping: float = 0.0) -> str:  # noqa: ARG002 (as of a root)
+        """Return a value of it in words."""
+        return f"{value:.6g}{'°' if self.unit else ''}"
+
+    def __str__(self) -> str:
+        return f"{self.kind.replace('_', ' ')} of {self.channel} of {self.root_text(self.frequency)}"
+
+
+@dataclass(frozen=True)
 class Criterion:
     """A norm of a channel that is minimised: the sum of all, each times its weight."""
 
@@ -78,6 +116,7 @@ class Criterion:
     low: float = 0.0
     high: float = math.inf
     weight: float = 1.0
+    parameter: str = ""  # what is maximised: its start over its value is minimised
 
     @property
     def channel(self) -> str:
@@ -87,13 +126,13 @@ class Criterion:
     @property
     def noun(self) -> str:
         """The minimised quantity."""
-        return {"peak": "peak", "h2": "H2 norm", "hinf": "H∞ norm"}[self.kind]
+        return {"peak": "peak", "h2": "H2 norm", "hinf": "H∞ norm", "maximise": "inverse"}[self.kind]
 
     def __str__(self) -> str:
-        return f"{self.noun} of {self.channel}"
+        return f"inverse of {self.parameter}" if self.parameter else f"{self.noun} of {self.channel}"
 
 
-Target = RootTarget | Criterion
+Target = RootTarget | LoopTarget | Criterion
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,11 +146,14 @@ class Design:
     seed: int = 0  # seed of the random starts
     #: Values of free parameters, by the name of another design, whose targets are reported beside.
     compared: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    #: opened, loops: Of margins: the graph without feedback, and the loops.
+    opened: BondGraph | None = None
+    loops: tuple[Loop, ...] = ()
 
     @property
-    def roots(self) -> tuple[RootTarget, ...]:
-        """The wanted zeros and poles."""
-        return tuple(target for target in self.targets if isinstance(target, RootTarget))
+    def roots(self) -> tuple[RootTarget | LoopTarget, ...]:
+        """The wanted zeros, poles and margins."""
+        return tuple(target for target in self.targets if not isinstance(target, Criterion))
 
     @property
     def criteria(self) -> tuple[Criterion, ...]:
@@ -126,7 +168,7 @@ _MISSING_RESIDUAL = 1e12
 
 
 class Reached(NamedTuple):
-    """The root that is nearest to a target: frequency, damping ratio, and its residuals."""
+    """The root that is nearest to a target: frequency, damping ratio, and its residuals; or a margin."""
 
     #: frequency, damping: Natural frequency, rad/s, and damping ratio.
     frequency: float
@@ -137,7 +179,7 @@ class Reached(NamedTuple):
     slopes: Array  # derivatives of the residuals (1 or 2 x p)
 
 
-def residual_count(target: RootTarget) -> int:
+def residual_count(target: RootTarget | LoopTarget) -> int:
     """Return how many equations a target is."""
     return 1 if target.damping is None or abs(target.damping) == 1 else 2
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.design.design_request import (
     Criterion,
     Design,
+    LoopTarget,
     Reached,
     RootTarget,
     Target,
@@ -28,6 +30,9 @@ from dynid.lti.root_slopes import poles, zeros
 from dynid.lti.state_space import Matrices, ParametricSystem, single
 from dynid.number_format import frequency_text
 from dynid.parameters import Parameter
+
+if TYPE_CHECKING:
+    from dynid.bondgraph.design.loop_margins import LoopMargins
 
 #: A parameter without limits is searched in this range of its start, as a logarithm or in multiples of it.
 SPAN = 1e6
@@ -154,11 +159,27 @@ class DesignFunctions:
         reduced = ReducedGraph(design.graph, self._inputs, self._outputs, traced=False)
         self._names = [parameter.name for parameter in design.free]
         self._equations = ParametricEquations(reduced, self._names)
+        self._loops: LoopMargins | None = None
+        if design.opened is not None and any(isinstance(target, LoopTarget) for target in design.targets):
+            from dynid.bondgraph.design.loop_margins import LoopMargins
+
+            self._loops = LoopMargins(design.opened, design.loops, self._names)
 
     @property
     def reached(self) -> frozenset[str]:
         """The free parameters that the targets depend on."""
-        return self._equations.reached
+        loops = frozenset() if self._loops is None else self._loops.reached
+        maximised = {criterion.parameter for criterion in self.design.criteria if criterion.parameter}
+        return self._equations.reached | loops | maximised
+
+    def verified(self, at: Evaluation) -> bool:
+        """Test whether margins that are reached are those of stable loops, and the least ones."""
+        if self._loops is None:
+            return True
+        pairs = zip(self.design.roots, at.reached, strict=True)
+        margins = [(t, r.frequency) for t, r in pairs if isinstance(t, LoopTarget) and r is not None]
+        values = dict(zip(self._names, self.coordinates.values(at.eta).tolist(), strict=True))
+        return self._loops.verified([t for t, _ in margins], [value for _, value in margins], values)
 
     def matrices(self, eta: Array) -> Matrices:
         """Return the matrices of all channels, with derivatives by the coordinates.
@@ -212,7 +233,7 @@ class DesignFunctions:
                 (None,) * len(self.design.roots),
                 (empty,) * len(self.design.criteria),
             )
-        reached = self._roots(matrices)
+        reached = self._roots(matrices, eta)
         residuals, jacobian = [np.zeros(0)], [np.zeros((0, p))]
         for target, root in zip(self.design.roots, reached, strict=True):
             count = residual_count(target)
@@ -224,16 +245,49 @@ class DesignFunctions:
             np.concatenate(residuals),
             np.concatenate(jacobian),
             tuple(reached),
-            tuple(self._norm(matrices, criterion) for criterion in self.design.criteria),
+            tuple(
+                self._inverse(criterion, eta) if criterion.parameter else self._norm(matrices, criterion)
+                for criterion in self.design.criteria
+            ),
         )
 
-    def _roots(self, matrices: Matrices) -> list[Reached | None]:
+    def _inverse(self, criterion: Criterion, eta: Array) -> Norm:
+        """Return the start of a maximised parameter, which is positive, over its value."""
+        index = self._names.index(criterion.parameter)
+        value = self.design.free[index].start / self.coordinates.values(eta)[index]
+        slopes = np.zeros((1, len(eta)))
+        slopes[0, index] = -value
+        return Norm(np.array([value]), slopes)
+
+    def _margins(self, eta: Array) -> list[Reached | None]:
+        """Return the margins that are wanted, in order."""
+        targets = [target for target in self.design.roots if isinstance(target, LoopTarget)]
+        if self._loops is None:
+            return []
+        values = self.coordinates.values(eta)
+        loops = self._loops.at(dict(zip(self._names, values.tolist(), strict=True)))
+        reached: list[Reached | None] = []
+        for target in targets:
+            margin = loops.margin(target)
+            if margin is None:
+                reached.append(None)
+                continue
+            slopes = margin.slopes * self.coordinates.rates(values) / target.frequency
+            residual = np.array([margin.value / target.frequency - 1])
+            reached.append(Reached(margin.value, 0.0, residual, slopes[None]))
+        return reached
+
+    def _roots(self, matrices: Matrices, eta: Array) -> list[Reached | None]:
         groups: dict[tuple[str, object, str], list[int]] = {}
-        for index, target in enumerate(self.design.roots):
-            groups.setdefault((target.kind, target.output, target.input), []).append(index)
         reached: list[Reached | None] = [None] * len(self.design.roots)
+        margins = iter(self._margins(eta))
+        for index, target in enumerate(self.design.roots):
+            if isinstance(target, LoopTarget):
+                reached[index] = next(margins)
+            else:
+                groups.setdefault((target.kind, target.output, target.input), []).append(index)
         for places in groups.values():
-            targets = [self.design.roots[index] for index in places]
+            targets = [t for t in (self.design.roots[k] for k in places) if isinstance(t, RootTarget)]
             values, slopes = self.channel_roots(matrices, targets[0])
             for index, found_root in zip(places, nearest(targets, values, slopes), strict=True):
                 reached[index] = found_root
@@ -302,13 +356,18 @@ class DesignFunctions:
         """
         matrices = self.matrices(eta)
         jacobian = [np.zeros((0, len(eta)))]
-        for target, reached, root in zip(self.design.roots, near.reached, self._roots(matrices), strict=True):
+        for target, reached, root in zip(
+            self.design.roots, near.reached, self._roots(matrices, eta), strict=True
+        ):
             lost = root is None or reached is None or not np.isfinite(root.slopes).all()
             jacobian.append(
                 np.zeros((residual_count(target), len(eta))) if lost or root is None else root.slopes
             )
         slopes = []
         for criterion, known_norm in zip(self.design.criteria, near.norms, strict=True):
+            if criterion.parameter:
+                slopes.append(self._inverse(criterion, eta).slopes)
+                continue
             system, _ = norms.without_hidden(self.channel(matrices, criterion))
             if known_norm.maxima is None:
                 slopes.append(norms.h2_norm(system)[1][None])

@@ -9,7 +9,14 @@ from itertools import pairwise
 import numpy as np
 
 from dynid.arrays import Array
-from dynid.bondgraph.design.design_request import Design, Reached, RootTarget, Target, residual_count
+from dynid.bondgraph.design.design_request import (
+    Design,
+    LoopTarget,
+    Reached,
+    RootTarget,
+    Target,
+    residual_count,
+)
 from dynid.bondgraph.design.functions import DesignFunctions, Evaluation
 from dynid.bondgraph.design.search import MET, Solution, meet_roots, minimise
 from dynid.errors import NumericalError, Unreachable
@@ -83,11 +90,23 @@ def solve(design: Design) -> Designed:
     if not met:
         missed += [solution.evaluation for solution in ends]
         raise _no_norm(functions, refused) if refused else _unreachable(functions, missed, idle)
+    met = _verified(functions, met)
     optima = _optima(coordinates.start, met)
     best = optima[0].solution
     if problem := _no_minimum(functions, best):
         raise problem
     return Designed(functions, functions.at(coordinates.start), tuple(optima), idle, len(met))
+
+
+def _verified(functions: DesignFunctions, met: list[Solution]) -> list[Solution]:
+    """Return the solutions whose margins are those of stable loops; raises `Unreachable` where none is."""
+    verified = [solution for solution in met if functions.verified(solution.evaluation)]
+    if not verified:
+        design = functions.design
+        target = next(target for target in design.roots if isinstance(target, LoopTarget))
+        why = "it is met only where the closed loops are not stable"
+        raise _error(design, target, why, "Start where they are stable, or give limits.")
+    return verified
 
 
 def _optima(start: Array, met: list[Solution]) -> list[Optimum]:
@@ -236,7 +255,7 @@ def _name(design: Design, target: Target) -> str:
     return f"design.targets.{index}"
 
 
-def _error(design: Design, target: RootTarget, reason: str, remedy: str) -> Unreachable:
+def _error(design: Design, target: RootTarget | LoopTarget, reason: str, remedy: str) -> Unreachable:
     return Unreachable(
         f"the {target} cannot be reached: {reason}", remedy=remedy, names=(_name(design, target),)
     )
@@ -248,6 +267,10 @@ def _missing_roots(functions: DesignFunctions, missed: Sequence[Evaluation]) -> 
     reached = missed[0].reached
     index = next((k for k, root in enumerate(reached) if root is None), 0)
     target = design.roots[index]
+    if isinstance(target, LoopTarget):
+        none = {"phase_margin": "|L| does not cross 1", "gain_margin": "L does not cross the negative axis"}
+        why = f"{none[target.kind]} at any of {counted(len(missed), 'start')}"
+        return _error(design, target, why, "Start elsewhere, or choose another target.")
     try:
         values, _ = functions.channel_roots(functions.matrices(missed[0].eta), target)
     except NumericalError as error:
@@ -266,7 +289,7 @@ def _missing_roots(functions: DesignFunctions, missed: Sequence[Evaluation]) -> 
 
 def _fixed_part(
     functions: DesignFunctions,
-    target: RootTarget,
+    target: RootTarget | LoopTarget,
     reached: Reached,
     rows: slice,
     evaluations: Sequence[Evaluation],
@@ -276,7 +299,7 @@ def _fixed_part(
     slopes = np.stack([evaluation.jacobian[rows] for evaluation in evaluations])
     still = np.asarray((np.abs(slopes) <= _DERIVATIVE_TOL).all(axis=(0, 2)))
     if still.all():
-        return f"the {target.kind}s of {target.channel} do not depend on {names}"
+        return f"the {target.kind.replace('_', ' ')}s of {target.channel} do not depend on {names}"
     missed = np.abs(reached.residuals) > MET
     for quantity, (fixed, off) in enumerate(zip(still, np.atleast_1d(missed), strict=True)):
         if fixed and off:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.bondgraph.design.design_request import Criterion, RootTarget, Target
+from dynid.bondgraph.design.design_request import Criterion, LoopTarget, RootTarget, Target
 from dynid.bondgraph.graph import GraphUnits
 from dynid.result import Result
 
@@ -81,12 +81,12 @@ def _add_targets(result: Result, designed: Designed) -> None:
         result.add(f"{group}/{name}", np.array(names, dtype=object), ("target",))
     units = [_unit(functions, target) for target in design.targets]
     result.add(f"{group}/unit", np.array(units, dtype=object), ("target",))
-    frequencies = [target.frequency if isinstance(target, RootTarget) else 0.0 for target in design.targets]
+    frequencies = [0.0 if isinstance(target, Criterion) else target.frequency for target in design.targets]
     dampings = [
         target.damping if isinstance(target, RootTarget) and target.damping is not None else 0.0
         for target in design.targets
     ]
-    note = "rad/s of a zero or pole; 0 of a norm, which is minimised"
+    note = "rad/s of a zero or pole; a margin in its unit; 0 of a norm, which is minimised"
     result.add(f"{group}/wanted", frequencies, ("target",), note=note)
     result.add(f"{group}/wanted_damping", dampings, ("target",), note="where one is wanted")
     damped = [isinstance(target, RootTarget) and target.damping is not None for target in design.targets]
@@ -113,6 +113,8 @@ def _add_targets(result: Result, designed: Designed) -> None:
 def _unit(functions: DesignFunctions, target: Target) -> str:
     if isinstance(target, RootTarget):
         return "rad/s"
+    if isinstance(target, LoopTarget):
+        return target.unit
     unit = GraphUnits(functions.design.graph).of_channel(target.output, target.input)
     return f"{unit}.s^-0.5" if target.kind == "h2" and unit else unit
 
@@ -135,6 +137,8 @@ def _add_responses(result: Result, designed: Designed, omega: Array | None) -> N
     """Add the responses of the targets' channels at the start and as designed."""
     functions, group = designed.functions, f"{GROUP}/frequency_response"
     design = functions.design
+    if any(loop.delayed for loop in design.loops):
+        return  # the equations have approximants of delays
     ends = (functions.coordinates.start, designed.solution.evaluation.eta)
     matrices = [functions.matrices(eta) for eta in ends]
     channels: dict[str, Target] = {}

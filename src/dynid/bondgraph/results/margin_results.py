@@ -127,7 +127,7 @@ def _within_limit(
                 f"polynomials, more than {ROOTS}; those of the first {first} are computed"
             )
             return loop_margins + [_left_out(reason, system)] * (len(functions) - len(loop_margins))
-        loop_margins.append(_with_hidden(_margins(*loop, cut), hidden))
+        loop_margins.append(_with_hidden(exact_margins(*loop, cut), hidden))
     return loop_margins
 
 
@@ -139,7 +139,8 @@ def _left_out(reason: str, system: Verdict) -> Margins:
     return Margins(system.stable, verdict, **numbers, undecided=reason)
 
 
-def _margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops) -> Margins:
+def exact_margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops) -> Margins:
+    """Return the margins of a loop from its L, the others closed (`CutLoops.loop`)."""
     if above.is_rational and below.is_rational:
         (bottom,) = below.terms.values()
         return margins(above.terms.get(Fraction(0), 0 * bottom), bottom)

@@ -12,6 +12,7 @@ from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
 DESIGN = "bond_graph/design"
+_MARGINS = frozenset({"phase_margin", "gain_margin", "Ms", "Mt"})
 _ROOTS, _NAMES, _REACHED = (
     ("zero", "pole"),
     ("kind", "output", "input", "unit"),
@@ -54,12 +55,19 @@ def _target_table(result: Result) -> TextTable:
             for row in range(len(others)):
                 omega, damping = (result[f"{DESIGN}/compared/{column}"].data[row, k] for column in _REACHED)
                 cells.append(_root(omega, damping, unit.factor, damped))
+        elif kind in _MARGINS:
+            name = str(result[f"{group}/target"].data[k]).rpartition(" of ")[0]
+            cells = [name, *(general(get[p][k], 8) for p in ("wanted", "start", "reached"))]
+            cells += [
+                general(result[f"{DESIGN}/compared/reached"].data[row, k], 8) for row in range(len(others))
+            ]
         else:
-            word = {"peak": "peak", "h2": "H2 norm", "hinf": "H∞ norm"}[str(kind)]
+            words = {"peak": "peak", "h2": "H2 norm", "hinf": "H∞ norm"}
+            word = words.get(str(kind), str(result[f"{group}/target"].data[k]))
             measured = unit_text(str(get["unit"][k]))
             measure = f", {measured}" if measured else ""
             cells = [
-                f"{word} of {channel}{measure}",
+                f"{word} of {channel}{measure}" if str(kind) in words else word,
                 "least",
                 *(general(get[p][k], 6) for p in ("start", "reached")),
             ]

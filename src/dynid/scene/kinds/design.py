@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import cast
 
 from pydantic import ValidationError
 
-from dynid.bondgraph.design.design_request import Criterion, Design, RootTarget, Target
+from dynid.bondgraph.controller_circuits import Loop
+from dynid.bondgraph.design.design_request import Criterion, Design, LoopTarget, RootTarget, Target
 from dynid.bondgraph.graph import Port
 from dynid.errors import SceneError, UsageError
 from dynid.parameters import Parameter
@@ -57,16 +58,19 @@ def design_of(scene: Scene[BondGraphScene]) -> Design:
     grid = model.analysis.frequency
     omega = angular_frequencies(grid) if grid else None
     band = (0.0, math.inf) if omega is None or len(omega) < 2 else (float(omega[0]), float(omega[-1]))
+    free = tuple(_free_parameter(model, design_model, name) for name in design_model.free)
     compared = {}
     for title, values in design_model.compare.items():
         compared[title] = {name: float(value) for name, value in values.items()}
     return Design(
         built.graph,
-        tuple(_free_parameter(model, design_model, name) for name in design_model.free),
-        tuple(_target(item, *channel(item), band) for item in design_model.targets),
+        free,
+        tuple(_target(item, *channel(item), band, built.loops, free) for item in design_model.targets),
         design_model.starts,
         design_model.seed,
         compared,
+        built.opened,
+        built.loops,
     )
 
 
@@ -153,7 +157,26 @@ def _number(quantity: Quantity | None) -> float | None:
     return None if quantity is None else float(quantity)
 
 
-def _target(target: DesignTarget, output: Port, source: str, band: tuple[float, float]) -> Target:
+def _target(
+    target: DesignTarget,
+    output: Port,
+    source: str,
+    band: tuple[float, float],
+    loops: Sequence[Loop],
+    free: Sequence[Parameter],
+) -> Target:
+    if target.maximise is not None:
+        if not next(parameter for parameter in free if parameter.name == target.maximise).logarithmic:
+            raise UsageError(
+                f"'{target.maximise}' is not positive: what is maximised has a start and a 'min' above 0",
+                remedy="Give it a positive start, or 'scale: log'.",
+                names=(f"design.free.{target.maximise}",),
+            )
+        return Criterion("maximise", output, source, parameter=target.maximise)
+    if target.margin is not None:
+        index = (target.loop or 1) - 1
+        name, value = f"{loops[index].measured} -> {loops[index].source}", getattr(target, target.margin)
+        return LoopTarget(target.margin, index, name, float(value), output, source)  # type: ignore[arg-type]
     factor = angular_factor(target.frequency_unit)
     root = target.zero or target.pole
     if root is not None:

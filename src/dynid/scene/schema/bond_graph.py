@@ -527,6 +527,7 @@ class BondGraphScene(ComposedScene):
             inputs = self.analysis.inputs or [name for name in self.sources if name not in driven]
             outputs = [str(port) for port in self.analysis.outputs]
             yield from self.design.faults(self.parameters, self.graph.nodes, outputs, inputs)
+            yield from self.design.loop_faults(len(control.loops) if control else 0)
         if any(node.type == LINE for node in self.graph.nodes.values()):
             yield from self._line_faults()
         if control is None:
@@ -536,8 +537,8 @@ class BondGraphScene(ComposedScene):
             yield from self._sampling_faults()
         if not control.delays:
             return
-        if self.design is not None:
-            message = "a graph with a delay in a loop is not designed; "
+        if self.design is not None and not self.design.of_loops:
+            message = "only margins (phase_margin, gain_margin, Ms, Mt) are designed with a delay in a loop; "
             message += "write it as {numerator: …, denominator: …}"
             yield from (((*path, AT_KEY), message) for path in control.delays)
         nodes = self.graph.nodes.values()

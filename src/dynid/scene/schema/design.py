@@ -61,17 +61,32 @@ class RootModel(Section):
 _RootPlace = Annotated[RootModel, short_for("frequency", RootModel | float | str)]
 
 
+#: Margins of loops that may be targets.
+MARGIN_TARGETS = ("phase_margin", "gain_margin", "Ms", "Mt")
+
+
 class DesignTarget(Section):
-    """A target: a zero or a pole that is wanted, or a norm to minimise, of a channel."""
+    """A target: a zero, a pole or a margin that is wanted, a norm to minimise, or a parameter to maximise."""
 
     zero: _RootPlace | None = None
     pole: _RootPlace | None = None
     minimise: Literal["peak", "h2", "hinf"] | None = None
+    phase_margin: Positive | None = None
+    gain_margin: Positive | None = None
+    Ms: Positive | None = None
+    Mt: Positive | None = None
+    maximise: str | None = None
+    loop: int | None = Field(default=None, ge=1, strict=True)
     output: Output | None = None
     input: SourceName | None = None
     unit: Literal["rad/s", "Hz"] = "rad/s"
     band: Band[NotNegative] | None = None
     weight: Positive | None = None
+
+    @property
+    def margin(self) -> str | None:
+        """The margin that is wanted; None of another target."""
+        return next((kind for kind in MARGIN_TARGETS if getattr(self, kind) is not None), None)
 
     @property
     def frequency_unit(self) -> str:
@@ -81,8 +96,14 @@ class DesignTarget(Section):
 
     @model_validator(mode="after")
     def _is_one_of_them(self) -> Self:
-        if [self.zero is None, self.pole is None, self.minimise is None].count(False) != 1:
-            raise fault("a target is one of {zero: …}, {pole: …}, {minimise: peak | h2 | hinf}")
+        kinds = ("zero", "pole", "minimise", *MARGIN_TARGETS, "maximise")
+        if [getattr(self, kind) is None for kind in kinds].count(False) != 1:
+            forms = ", ".join(f"{{{kind}: …}}" for kind in kinds if kind != "minimise")
+            raise fault(f"a target is one of {{minimise: peak | h2 | hinf}}, {forms}")
+        if self.loop is not None and self.margin is None:
+            raise fault(f"'loop' belongs to a margin: {', '.join(MARGIN_TARGETS)}")
+        if self.margin in ("gain_margin", "Ms") and not float(getattr(self, self.margin)) > 1:
+            raise fault(f"'{self.margin}' is a factor above 1")
         if self.band is not None and self.minimise != "peak":
             raise fault("'band' belongs to 'minimise: peak'; the other norms are over all frequencies")
         if self.weight is not None and self.minimise is None:
@@ -124,11 +145,28 @@ class DesignModel(Section):
                 if problem:
                     yield ("design", "compare", title, name, AT_KEY), problem
         for index, target in enumerate(self.targets):
+            if target.maximise is not None and target.maximise not in self.free:
+                message = f"'{target.maximise}' is not free; maximise one of {', '.join(self.free)}"
+                yield ("design", "targets", index, "maximise"), message
+            if target.maximise is not None or target.margin is not None:
+                continue
             for key, names in (("output", outputs), ("input", inputs)):
                 if getattr(target, key) is None and len(names) != 1:
                     several = f"several: {', '.join(names)}" if names else "none"
                     message = f"the target needs an '{key}'; the analysis has {several}"
                     yield ("design", "targets", index), message
+
+    @property
+    def of_loops(self) -> bool:
+        """True if its targets are margins, which have delays as they are."""
+        return all(target.margin or target.maximise for target in self.targets)
+
+    def loop_faults(self, count: int) -> Iterator[Located]:
+        """Yield margins of loops that there are not, of a graph with `count` loops."""
+        for index, target in enumerate(self.targets):
+            if target.margin is not None and (target.loop or 1) > count:
+                there = f"there are {count}" if count else "there are none: close loops with 'control'"
+                yield ("design", "targets", index, AT_KEY), f"no loop {target.loop or 1}; {there}"
 
 
 def _parameter_problem(name: str, parameters: Mapping[str, Any], nodes: Collection[str]) -> str:

@@ -1,0 +1,231 @@
+"""Margins of loops as functions of free parameters, with their delays and exact derivatives.
+
+With every loop cut where its answer goes, z = G(s) v and v_i = exp(-s τ_i) z_i: loop i, the others closed,
+has L_i = -exp(-s τ_i) (G_ii + G_iO E_O (1 - G_OO E_O)^-1 G_Oi). A crossing moves by the implicit function
+theorem, a peak has the derivative of its function at the fixed frequency (envelope theorem). A grid brackets
+crossings and peaks here; `verified` compares a solution with the margins that miss none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dynid.arithmetic.dependent import Dependent
+from dynid.arithmetic.ldl import reference
+from dynid.arrays import Array, ComplexArray
+from dynid.bondgraph.controller_circuits import Loop, close_loops
+from dynid.bondgraph.design.design_request import LoopTarget
+from dynid.bondgraph.graph import BondGraph
+from dynid.bondgraph.parametric_equations import ParametricEquations
+from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.errors import UsageError
+from dynid.lti.margins import lag
+
+#: Frequencies of the grid, and its range beyond the poles and delays.
+_POINTS, _RANGE_FACTOR = 2000, 1e3
+#: Largest peaks, or crossings of the negative axis, that are refined, and their size to the largest.
+_MOST_CANDIDATES, _CANDIDATE_SIZE = 4, 0.95
+#: Relative difference from the margins that miss no crossing, up to which they are the same.
+_SAME_RTOL = 1e-6
+
+
+class LoopValue(NamedTuple):
+    """A margin, its derivatives (p), and the frequency where it is, rad/s."""
+
+    value: float
+    slopes: Array
+    omega: float
+
+
+class LoopMargins:
+    """The margins of the loops of a graph at values of its free parameters."""
+
+    def __init__(self, opened: BondGraph, loops: Sequence[Loop], names: Sequence[str]) -> None:
+        self._opened, self._loops = opened, list(loops)
+        for loop in loops:
+            if isinstance(loop.delay, Dependent) and loop.delay.names & {*names}:
+                raise UsageError(
+                    "a delay that depends on a free parameter is not designed",
+                    remedy="Hold the delay at a number.",
+                    names=[loop.place],
+                )
+        self._delays = np.array([float(reference(loop.delay)) for loop in loops])
+        closed = close_loops(opened, [replace(loop, delay=Fraction(1)) for loop in loops], cut=True)
+        answers = [answer for _, answer in closed.delayed]
+        reduced = ReducedGraph(closed.graph, [source for source, _ in closed.delayed], answers, traced=False)
+        self._equations = ParametricEquations(reduced, names)
+
+    @property
+    def reached(self) -> frozenset[str]:
+        """The free parameters that the loops depend on."""
+        return self._equations.reached
+
+    def at(self, values: Mapping[str, float]) -> _Loops:
+        """Return the loops at values of the free parameters."""
+        return _Loops(self._equations.at(values), self._delays)
+
+    def verified(
+        self, targets: Sequence[LoopTarget], reached: Sequence[float], values: Mapping[str, float]
+    ) -> bool:
+        """Test whether the closed loops are stable and margins are these, by counts that miss nothing."""
+        from dynid.bondgraph.cut_loops import CutLoops
+        from dynid.bondgraph.results.margin_results import exact_margins
+
+        def number(item: Any) -> Any:
+            return reference(item.referred(values)) if isinstance(item, Dependent) else item
+
+        nodes = [
+            node if node.dependent is None else replace(node, value=number(node.dependent), dependent=None)
+            for node in self._opened.nodes.values()
+        ]
+        loops = [
+            replace(
+                loop,
+                numerator=[*map(number, loop.numerator)],
+                denominator=[*map(number, loop.denominator)],
+                delay=number(loop.delay),
+            )
+            for loop in self._loops
+        ]
+        cut = CutLoops(BondGraph(nodes, self._opened.bonds), loops)
+        if not cut.verdict().stable:
+            return False
+        for target, value in zip(targets, reached, strict=True):
+            margins = exact_margins(*cut.loop(target.loop), cut)
+            exact = float(getattr(margins, target.margin))
+            if not abs(exact - value) <= _SAME_RTOL * abs(value):
+                return False
+        return True
+
+
+class _Loops:
+    """The loops at some values of the free parameters."""
+
+    def __init__(self, matrices: Sequence[Array], delays: Array) -> None:
+        self._A, self._B, self._C, self._D, *self._slopes = matrices
+        self._delays = delays
+
+    def margin(self, target: LoopTarget) -> LoopValue | None:
+        """Return a margin; None where there is none."""
+        sizes = np.concatenate([np.abs(np.linalg.eigvals(self._A)), 1 / self._delays[self._delays > 0]])
+        sizes = sizes[sizes > 1e-9 * sizes.max(initial=0.0)]
+        low, high = (sizes.min(), sizes.max()) if len(sizes) else (1.0, 1.0)
+        grid = np.geomspace(low / _RANGE_FACTOR, high * _RANGE_FACTOR, _POINTS)
+        find: Callable[[int, Array], list[LoopValue]] = {
+            "phase_margin": self._phases, "gain_margin": self._gains, "Ms": self._peaks, "Mt": self._peaks
+        }[target.kind]  # fmt: skip
+        self._complementary = target.kind == "Mt"
+        candidates = find(target.loop, grid)
+        pick = max if target.kind in ("Ms", "Mt") else min
+        return pick(candidates, key=lambda candidate: candidate.value, default=None)
+
+    # --- L and its derivatives ------------------------------------------------------------------------
+
+    def _gain(self, loop: int, omega: Array) -> ComplexArray:
+        """Return L at frequencies (L)."""
+        s = 1j * omega[:, None, None]
+        states = np.linalg.solve(s * np.eye(len(self._A)) - self._A, self._B + 0j * s)
+        G = self._C @ states + sum(matrix * s**k for k, matrix in enumerate(self._D))
+        E = np.exp(-1j * omega[:, None] * self._delays)
+        others = [k for k in range(G.shape[1]) if k != loop]
+        H = G[:, loop, loop]
+        if others:
+            closed = np.eye(len(others)) - G[:, others][:, :, others] * E[:, None, others]
+            inner = np.linalg.solve(closed, G[:, others, loop][:, :, None])[:, :, 0]
+            H = H + np.sum(G[:, loop, others] * E[:, others] * inner, axis=1)
+        return np.asarray(-E[:, loop] * H)
+
+    def _derivatives(self, loop: int, omega: float) -> tuple[complex, complex, ComplexArray]:
+        """Return L at a frequency, dL/dω, and dL by the parameters (p)."""
+        s, (A_slopes, B_slopes, C_slopes, D_slopes) = 1j * omega, self._slopes
+        resolvent = np.linalg.inv(s * np.eye(len(self._A)) - self._A)
+        X, Y = resolvent @ self._B, self._C @ resolvent
+        G = self._C @ X + sum(matrix * s**k for k, matrix in enumerate(self._D))
+        by_s = -Y @ X + sum((k * matrix * s ** (k - 1) for k, matrix in enumerate(self._D) if k), 0 * G)
+        by_parameter = C_slopes @ X + Y @ A_slopes @ X + Y @ B_slopes
+        by_parameter = by_parameter + sum(D_slopes[:, k] * s**k for k in range(len(self._D)))
+        E, others = np.exp(-s * self._delays), [k for k in range(len(G)) if k != loop]
+        left, right = np.zeros(len(G), complex), np.zeros(len(G), complex)
+        left[loop] = right[loop] = 1.0
+        late = 0j  # what delays of the others add to dH/ds
+        if others:
+            W = np.linalg.inv(np.eye(len(others)) - G[np.ix_(others, others)] * E[others])
+            inner = W @ G[others, loop]
+            right[others] = E[others] * inner
+            left[others] = (G[loop, others] * E[others]) @ W
+            into = G[loop, others] + left[others] @ G[np.ix_(others, others)]
+            late = into @ (-self._delays[others] * E[others] * inner)
+        H = G[loop] @ right
+        rate = left @ by_s @ right + late
+        L = -E[loop] * H
+        return L, 1j * (-E[loop] * (rate - self._delays[loop] * H)), -E[loop] * (left @ by_parameter @ right)
+
+    # --- crossings and peaks --------------------------------------------------------------------------
+
+    def _phases(self, loop: int, grid: Array) -> list[LoopValue]:
+        found = []
+        for omega in self._roots(lambda at: np.log(np.abs(self._gain(loop, at))), grid):
+            L, rate, slopes = self._derivatives(loop, omega)
+            by_omega, by_parameter = rate / L, slopes / L  # of log|L| + j arg L
+            turned = by_parameter.imag - by_omega.imag * by_parameter.real / by_omega.real
+            found.append(LoopValue(lag(L), np.degrees(turned), omega))
+        return found
+
+    def _gains(self, loop: int, grid: Array) -> list[LoopValue]:
+        found = []
+        L = self._gain(loop, grid)
+        crossings = np.flatnonzero(np.sign(L[1:].imag) * np.sign(L[:-1].imag) < 0)
+        crossings = crossings[(L[crossings].real < 0) | (L[crossings + 1].real < 0)]
+        crossings = crossings[np.argsort(-np.abs(L[crossings]))][:_MOST_CANDIDATES]
+        roots = [self._roots(lambda at: self._gain(loop, at).imag, grid[k : k + 2]) for k in crossings]
+        for omega in chain.from_iterable(roots):
+            L, rate, slopes = self._derivatives(loop, omega)
+            if -1 < L.real < 0:
+                moved = slopes.real - rate.real * slopes.imag / rate.imag
+                found.append(LoopValue(-1 / L.real, moved / L.real**2, omega))
+        return found
+
+    def _peaks(self, loop: int, grid: Array) -> list[LoopValue]:
+        """Return the maxima of |S|, or |T|, with those at the ends of the grid."""
+
+        def rate(at: Array) -> Array:
+            terms = [self._derivatives(loop, omega) for omega in at.tolist()]
+            L, by_omega, _ = (np.array(column) for column in zip(*terms, strict=True))
+            return self._logarithmic(L, by_omega).real
+
+        L = self._gain(loop, grid)
+        size = np.abs((L if self._complementary else 1) / (1 + L))
+        inner = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
+        inner = inner[size[inner] > _CANDIDATE_SIZE * size.max()]  # delays make many small ones
+        inner = inner[np.argsort(-size[inner])][:_MOST_CANDIDATES]
+        found = []
+        for k in inner.tolist():
+            found += self._roots(rate, grid[[k - 1, k + 1]])
+        values = []
+        for omega in [*found, float(grid[0]), float(grid[-1])]:
+            at, _, slopes = self._derivatives(loop, omega)
+            value = abs((at if self._complementary else 1) / (1 + at))
+            values.append(LoopValue(value, value * self._logarithmic(at, slopes).real, omega))
+        return values
+
+    def _logarithmic(self, L: Any, change: Any) -> Any:
+        """Return d log S, or d log T, of a change of L."""
+        return change / (L * (1 + L)) if self._complementary else -change / (1 + L)
+
+    @staticmethod
+    def _roots(function: Callable[[Array], Array], grid: Array) -> list[float]:
+        from scipy.optimize import brentq
+
+        values = function(grid)
+        changes = np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0)
+
+        def at(omega: float) -> float:
+            return float(function(np.array([omega]))[0])
+
+        return [brentq(at, *grid[k : k + 2], xtol=1e-300, rtol=1e-14) for k in changes.tolist()]
