@@ -199,9 +199,8 @@ FAULTS = {
     "scene.yaml:18:9: 'free' is empty": {"free": "{}"},
     "scene.yaml:18:9: 'free' must be a mapping, not a list": {"free": "[c]"},
     "scene.yaml:19:12: 'targets' is empty": {"targets": "[]"},
-    f"{H}a target is one of {{zero: …}}, {{pole: …}}, {{minimise: peak | h2 | hinf}}": {
-        "targets": "[{zero: 1, pole: 2}]"
-    },
+    f"{H}a target is one of {{zero: …}}, {{pole: …}}, {{minimise: peak | h2 | hinf}}, {{phase_margin: …}}, "
+    "{gain_margin: …}, {Ms: …}, {Mt: …}, {maximise: …}": {"targets": "[{zero: 1, pole: 2}]"},
     "scene.yaml:19:20: a damping ratio lies between -1 and 1, not at 2; two real roots are two targets of "
     "damping 1": {"targets": "[{zero: {frequency: 1, damping: 2}}]"},
     f"{H}'band' belongs to 'minimise: peak'; the other norms are over all frequencies": {
@@ -270,7 +269,10 @@ def test_a_free_parameter_may_be_written_as_arithmetic():
 def test_graphs_with_delays_are_not_designed():
     loop = "{from: k.q, to: F, controller: {gain: 1, delay: 0.1}, reference: r}"
     text = SCENE.replace("design:", f"control: {{loops: [{loop}]}}\ndesign:")
-    message = "a graph with a delay in a loop is not designed; write it as {numerator: …, denominator: …}"
+    message = (
+        "only margins (phase_margin, gain_margin, Ms, Mt) are designed with a delay in a loop; write it "
+    )
+    message += "as {numerator: …, denominator: …}"
     assert faults(text) == [f"scene.yaml:17:60: {message}"]
 
 

@@ -98,8 +98,9 @@ class DesignTarget(Section):
     def _is_one_of_them(self) -> Self:
         kinds = ("zero", "pole", "minimise", *MARGIN_TARGETS, "maximise")
         if [getattr(self, kind) is None for kind in kinds].count(False) != 1:
-            forms = ", ".join(f"{{{kind}: …}}" for kind in kinds if kind != "minimise")
-            raise fault(f"a target is one of {{minimise: peak | h2 | hinf}}, {forms}")
+            values = {"minimise": "peak | h2 | hinf"}
+            forms = ", ".join(f"{{{kind}: {values.get(kind, '…')}}}" for kind in kinds)
+            raise fault(f"a target is one of {forms}")
         if self.loop is not None and self.margin is None:
             raise fault(f"'loop' belongs to a margin: {', '.join(MARGIN_TARGETS)}")
         if self.margin in ("gain_margin", "Ms") and not float(getattr(self, self.margin)) > 1:
