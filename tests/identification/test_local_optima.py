@@ -1,6 +1,8 @@
 """Local optima: random structures against an oracle, segments, starts, and disagreeing optima."""
 
+import math
 import os
+import re
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +13,7 @@ from scipy.integrate import solve_ivp
 
 from dynid import defaults, load_scene, run
 from dynid.errors import Diverged, DynidError
+from dynid.identification.diagnosis.verdict import deciding_text
 from dynid.identification.estimators.multi_start import Search, drawn_starts
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
@@ -18,7 +21,7 @@ from dynid.identification.likelihood import time_record
 from dynid.identification.likelihood.priors import Priors
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.lti.signals import Multisine
-from dynid.parameters import ParameterPrior
+from dynid.parameters import Parameter, ParameterPrior
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import lumped
 from dynid.structure.ports import Channel, Load
@@ -217,3 +220,12 @@ def test_a_search_beyond_its_budget_says_so(monkeypatch):
     assert "cut off after" in said
     assert "so many samples" in said
     assert not result.value("identification/diagnostics/converged")
+
+
+@pytest.mark.parametrize(("gap", "relative"), [(0.5, 0.16), (2.0, 0.7), (250.0, 1.0)])
+def test_a_prior_that_decides_between_optima_is_wide_enough_and_finite(gap, relative):
+    """A lognormal prior (variance log(1 + relative²)) at one value is 5 log units lower at the other."""
+    said = deciding_text([Parameter("k", 1.0e4)], np.array([[9.0 - gap], [9.0]]), [])
+    width = float(re.search(r"relative_deviation: ([\d.e+]+) or less", said)[1])
+    assert width == pytest.approx(relative, rel=0.05)
+    assert gap**2 / (2 * math.log1p(width**2)) >= 5 * 0.9

@@ -339,7 +339,7 @@ def _labels_beyond(scene, result):
     numbered = dict.fromkeys({*COUNTS, "step", "direction", "root", "pair", "lag"}, "")
     yield from ((path, dim, k) for path, dim, _ in _labels_of(result, numbered) for k in (0, -2, 1.5))
     exact = {} if scene.kind != "reduction" else {"mode": ("reduction/",)}
-    if scene.kind == "bond-graph" and scene.model.design is None:
+    if scene.kind == "bond-graph" and scene.model.design is None and scene.model.operating_point is None:
         exact = {"step": "bond_graph/"}
     if scene.kind == "identification":
         listed = scene.model.responses is not None and scene.model.responses.modes is not None

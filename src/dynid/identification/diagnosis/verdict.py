@@ -336,7 +336,8 @@ def deciding_text(
     lower, upper = (float(ordered[row + side, k]) for side in (0, 1))
     # A prior at one of two values excludes the other by gap^2 / (2 sigma^2) in the logarithm.
     sigma = (upper - lower) / math.sqrt(2 * DECIDED)
-    width = f"relative_deviation: {math.sqrt(math.expm1(sigma**2)):.2g}" if log else f"deviation: {sigma:.2g}"
+    relative = math.sqrt(math.expm1(min(sigma**2, math.log(2))))  # 1 at most: a prior need not be wider
+    width = f"relative_deviation: {relative:.2g}" if log else f"deviation: {sigma:.2g}"
     some = "a prior of {} ({} or less)" if len(eta) == 2 else "priors such as of {} ({} or less)"
     parts.append(some.format(name, width))
     low, high = (unknowns[k].value(x) for x in (lower, upper))
