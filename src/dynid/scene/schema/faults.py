@@ -192,7 +192,7 @@ def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
 
 
 def _tag(error: dict[str, Any]) -> str:
-    return str(error["ctx"]["discriminator"]).strip("'")
+    return str(error["ctx"]["discriminator"]).strip("'()")  # a key, or a function of its name
 
 
 def _shown(value: Any) -> str:

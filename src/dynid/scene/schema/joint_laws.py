@@ -129,7 +129,7 @@ class ForceExpression(BaseModel):
 def _force(raw: Any, info: ValidationInfo) -> ForceExpression:
     """Read a force as an expression of d, v and parameters, which vanishes at rest."""
     if not isinstance(raw, str):
-        raise fault("the force is an expression of the deflection d and its rate v, such as 1.0e9*d^3")
+        raise fault("the force is an expression of the deflection d and its rate v, such as 1.0e9*d**3")
     names = names_of(info)
     try:
         expression = parse(raw)

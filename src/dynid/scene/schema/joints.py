@@ -213,6 +213,11 @@ LawValue = Annotated[
 """A parameter of a law; a number or an expression alone is known."""
 
 
+def kind(raw: Any) -> Any:
+    """Return the kind of a law; faults name the key as this function."""
+    return raw.get("kind") if isinstance(raw, dict) else getattr(raw, "kind", None)
+
+
 _MODULE = "dynid.scene.schema.joint_laws"
 _Law = Annotated[
     Annotated[Any, Later(f"{_MODULE}:PowerLaw"), Tag("power")]
@@ -222,7 +227,7 @@ _Law = Annotated[
     | Annotated[Any, Later(f"{_MODULE}:BoucWenLaw"), Tag("bouc_wen")]
     | Annotated[Any, Later(f"{_MODULE}:GapLaw"), Tag("gap")]
     | Annotated[Any, Later(f"{_MODULE}:ExpressionLaw"), Tag("expression")],
-    Discriminator(lambda raw: raw.get("kind") if isinstance(raw, dict) else getattr(raw, "kind", None)),
+    Discriminator(kind),
 ]
 
 
