@@ -11,6 +11,7 @@ from dynid.bondgraph.cut_loops import in_proportion
 from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.graph_state_space import state_space
 from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.errors import NumericalError
 from dynid.lti.delay_system import DelaySystem
 
 
@@ -34,4 +35,8 @@ def delay_system(
     lft = state_space(reduced, tuple(initial))
     order = [*inputs, *(f"initial:{name}" for name in initial), *(source for source, _ in closed.delayed)]
     delays = in_proportion([rounded_number(reference(loop.delay)) for loop in loops if reference(loop.delay)])
-    return DelaySystem(lft.with_inputs(order), tuple(delays)), reduced
+    try:
+        return DelaySystem(lft.with_inputs(order), tuple(delays)), reduced
+    except NumericalError as error:  # an advanced loop
+        error.names = tuple(loop.place for loop in loops if loop.place and reference(loop.delay))
+        raise
