@@ -8,6 +8,7 @@ crossings and peaks here; `verified` compares a solution with the margins that m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -31,6 +32,8 @@ from dynid.lti.margins import lag
 _POINTS, _RANGE_FACTOR = 2000, 1e3
 #: Largest peaks, or crossings of the negative axis, that are refined, and their size to the largest.
 _MOST_CANDIDATES, _CANDIDATE_SIZE = 4, 0.95
+#: Real parts of poles below this part of the largest are those of poles on the axis.
+_ORIGIN_RTOL = 1e-9
 #: Relative difference from the margins that miss no crossing, up to which they are the same.
 _SAME_RTOL = 1e-6
 
@@ -112,11 +115,13 @@ class _Loops:
         self._delays = delays
 
     def margin(self, target: LoopTarget) -> LoopValue | None:
-        """Return a margin; None where there is none."""
+        """Return a margin; None where there is none, or the closed loops are not stable."""
         sizes = np.concatenate([np.abs(np.linalg.eigvals(self._A)), 1 / self._delays[self._delays > 0]])
         sizes = sizes[sizes > 1e-9 * sizes.max(initial=0.0)]
         low, high = (sizes.min(), sizes.max()) if len(sizes) else (1.0, 1.0)
         grid = np.geomspace(low / _RANGE_FACTOR, high * _RANGE_FACTOR, _POINTS)
+        if not self._stable(grid):
+            return None
         find: Callable[[int, Array], list[LoopValue]] = {
             "phase_margin": self._phases, "gain_margin": self._gains, "Ms": self._peaks, "Mt": self._peaks
         }[target.kind]  # fmt: skip
@@ -127,12 +132,26 @@ class _Loops:
 
     # --- L and its derivatives ------------------------------------------------------------------------
 
-    def _gain(self, loop: int, omega: Array) -> ComplexArray:
-        """Return L at frequencies (L)."""
+    def _stable(self, grid: Array) -> bool:
+        """Test whether the closed loops are stable, by the turns of det(1 - G E) along the grid (Nyquist)."""
+        G, E = self._cut(grid)
+        values = np.linalg.det(np.eye(G.shape[1]) - G * E[:, None, :])
+        turns = float(np.sum(np.angle(values[1:] / values[:-1]))) / math.pi
+        at_origin = -round(math.log(abs(values[1] / values[0])) / math.log(grid[1] / grid[0]))
+        poles = np.linalg.eigvals(self._A)
+        right = int((poles.real > _ORIGIN_RTOL * np.abs(poles).max(initial=0.0)).sum())
+        return round(right + at_origin / 2 - turns) == 0
+
+    def _cut(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
+        """Return G and the delays E at frequencies (L x loops x loops, L x loops)."""
         s = 1j * omega[:, None, None]
         states = np.linalg.solve(s * np.eye(len(self._A)) - self._A, self._B + 0j * s)
         G = self._C @ states + sum(matrix * s**k for k, matrix in enumerate(self._D))
-        E = np.exp(-1j * omega[:, None] * self._delays)
+        return G, np.exp(-1j * omega[:, None] * self._delays)
+
+    def _gain(self, loop: int, omega: Array) -> ComplexArray:
+        """Return L at frequencies (L)."""
+        G, E = self._cut(omega)
         others = [k for k in range(G.shape[1]) if k != loop]
         H = G[:, loop, loop]
         if others:

@@ -268,9 +268,10 @@ def _missing_roots(functions: DesignFunctions, missed: Sequence[Evaluation]) -> 
     index = next((k for k, root in enumerate(reached) if root is None), 0)
     target = design.roots[index]
     if isinstance(target, LoopTarget):
-        none = {"phase_margin": "|L| does not cross 1", "gain_margin": "L does not cross the negative axis"}
-        why = f"{none[target.kind]} at any of {counted(len(missed), 'start')}"
-        return _error(design, target, why, "Start elsewhere, or choose another target.")
+        none = {"phase_margin": ", or |L| does not cross 1", "gain_margin": ", or L not the negative axis"}
+        reason = f"the closed loops are not stable{none.get(target.kind, '')}"
+        why = f"{reason} at any of {counted(len(missed), 'start')}"
+        return _error(design, target, why, "Start where they are stable, or choose another target.")
     try:
         values, _ = functions.channel_roots(functions.matrices(missed[0].eta), target)
     except NumericalError as error:
