@@ -138,6 +138,37 @@ def test_universal_files_have_functions_nodes_and_modes(inspected, tmp_path):
     ]
 
 
+def test_arrays_with_times_text_and_nothing_even(inspected, dynid, tmp_path):
+    np.savez(tmp_path / "r.npz", time=T, acc=np.sin(T), said=np.array(["a"]), wide=np.eye(4))
+    entries, lines = inspected("r.npz")
+    assert entries["time"]["what"] == "times"
+    assert entries["acc"] == {"what": "channel", "size": "50", "step": STEP, "start": 0.0}
+    assert entries["said"] == {"what": "text", "size": "1"}
+    assert entries["wide"] == {"what": "matrix", "size": "4 x 4"}
+    assert len(lines) == 1
+    np.savez(tmp_path / "down.npz", time=-T, force=T)
+    assert "step" not in inspected("down.npz")[0]["force"]
+    code, out, _ = dynid("inspect", tmp_path / "down.npz")
+    assert code == 0
+    assert "  step: …" in out
+
+
+def test_what_of_a_universal_file_is_not_read_is_said(inspected, tmp_path):
+    H = np.exp(1j * T)
+    frf = function(
+        H, kind=4, reference=(2, -1), id1="H", ordinate_spec_data_type=12, orddenom_spec_data_type=13
+    )
+    psd = function(np.abs(H), kind=9, id1="S")
+    other = {**mode(4.0, [1, 2], [0.1, 0.2], [0, 0], [1, 0.5]), "analysis_type": 5, "freq_step_n": 1, "freq": 4.0, "load_case": 1}
+    written(tmp_path / "x.uff", frf, psd, other)
+    entries, lines = inspected("x.uff")
+    assert entries["H"]["what"] == "frequency response"
+    assert entries["H"]["note"] == "1:z over 2:-x"
+    assert entries["S"]["what"] == "function of type 9"
+    assert "mode shapes" in entries["results"]["note"]
+    assert lines == ["measurement: {frf: {file: {path: x.uff}}, channels: all}"]
+
+
 def test_meshes_and_nodes(inspected, tmp_path):
     (tmp_path / "m.inp").write_text(
         "*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n*NSET, NSET=base\n1, 2\n"

@@ -264,6 +264,38 @@ def test_channels_of_other_clocks_are_refused(tmp_path, other):
     assert "A record takes channels of one clock: name those (columns: […]), or resample them" in said
 
 
+def test_channels_without_times_and_of_other_lengths(tmp_path):
+    path = tmp_path / "r.npz"
+    np.savez(path, a=ACC, b=FORCE, short=ACC[:9], t=T, on=ACC > 0)
+    assert read_measured.read_columns(path, ["short"], step=STEP).clock is None
+    assert "has channels of different lengths: a 300, short 9; the times 't' have 300" in refusal(
+        path, ["a", "short"]
+    )
+    np.testing.assert_array_equal(read_columns(path, ["on"], step=STEP)[:, 0], ACC > 0)
+    np.savez(path, a=ACC, short=ACC[:9])
+    assert "has channels of different clocks: 'a' has 300 samples without times; 'short' has 9" in refusal(
+        path, None
+    )
+    np.savez(path, said=np.array(["a"]))
+    assert "holds no channels of numbers" in refusal(path, None)
+    assert "has no channel 'a'; it has no channels of numbers" in refusal(path, ["a"])
+    write_tdms(tmp_path / "r.tdms", {"G": {"on": (ACC > 0, waveform())}})
+    np.testing.assert_array_equal(read_columns(tmp_path / "r.tdms", ["on"], step=STEP)[:, 0], ACC > 0)
+
+
+def test_files_that_claim_too_much_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("dynid.files.recorder_files.MOST_NUMBERS", 100)
+    assert "cannot be read as a Parquet file: it claims 300 rows of 3" in refusal(_parquet(tmp_path), ["acc"])
+    monkeypatch.setattr("dynid.files.spreadsheet.MOST_NUMBERS", 100)
+    assert "it has more than 1e+02 cells" in refusal(_workbook(tmp_path), ["acc"])
+    monkeypatch.setattr("dynid.files.recorder_files._MAX_CHANNELS", 1)
+    assert "it has more than 1 channels" in refusal(_mf4_by_hand(tmp_path), ["acc"])
+    content = _tdms_by_hand(tmp_path).read_bytes()
+    claims = content.replace((300).to_bytes(8, "little"), (10**12).to_bytes(8, "little"))
+    (tmp_path / "r.tdms").write_bytes(claims)
+    assert "cannot be read as a TDMS file" in refusal(tmp_path / "r.tdms", ["acc"])
+
+
 def test_units_that_are_not_known_are_to_be_stated(tmp_path):
     write_tdms(tmp_path / "r.tdms", {"G": {"a": (ACC, waveform("Volts")), "b": (ACC, waveform("EU"))}})
     volts, engineering = read_measured.read_columns(tmp_path / "r.tdms", None, step=STEP).headings
@@ -347,6 +379,17 @@ def test_a_formula_without_its_value_is_refused(tmp_path):
             )
             copy.writestr(name, content)
     np.testing.assert_array_equal(read_columns(calculated, ["acc"], step=STEP)[:, 0], [1, 2])
+
+
+def test_dates_and_times_of_a_workbook_are_times(tmp_path):
+    began = datetime.datetime(2024, 5, 3, 10, 0, 0)
+    stamps = [began + datetime.timedelta(milliseconds=500 * k) for k in range(5)]
+    rows = [["time", "acc"], *([stamp, float(k)] for k, stamp in enumerate(stamps))]
+    path = write_workbook(tmp_path / "a.xlsx", rows)
+    np.testing.assert_array_equal(read_columns(path, ["acc"], step=0.5)[:, 0], np.arange(5))
+    clock = [["time", "acc"], *([stamp.time(), k] for k, stamp in enumerate(stamps))]
+    path = write_workbook(tmp_path / "b.xlsx", clock)
+    np.testing.assert_array_equal(read_columns(path, ["acc"], step=0.5)[:, 0], np.arange(5))
 
 
 def test_sheets_are_named_where_there_are_several(tmp_path):
