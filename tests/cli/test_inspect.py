@@ -159,7 +159,8 @@ def test_what_of_a_universal_file_is_not_read_is_said(inspected, tmp_path):
         H, kind=4, reference=(2, -1), id1="H", ordinate_spec_data_type=12, orddenom_spec_data_type=13
     )
     psd = function(np.abs(H), kind=9, id1="S")
-    other = {**mode(4.0, [1, 2], [0.1, 0.2], [0, 0], [1, 0.5]), "analysis_type": 5, "freq_step_n": 1, "freq": 4.0, "load_case": 1}
+    operating = {"analysis_type": 5, "freq_step_n": 1, "freq": 4.0, "load_case": 1}
+    other = {**mode(4.0, [1, 2], [0.1, 0.2], [0, 0], [1, 0.5]), **operating}
     written(tmp_path / "x.uff", frf, psd, other)
     entries, lines = inspected("x.uff")
     assert entries["H"]["what"] == "frequency response"
