@@ -1,5 +1,7 @@
 """Modes from frequency responses: none missed, none spurious, and standard errors that cover the truth."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -89,9 +91,9 @@ def test_real_shapes_have_unit_modal_mass():
 @pytest.mark.parametrize("options", [{}, {"real": True}, {"reciprocal": [(0, 0), (2, 1)]}], ids=str)
 def test_gradient_and_information_are_those_of_differences(options):
     poles, shapes = modes(3, 4, phase=0.0 if "real" in options else 0.2)
-    model = ModalModel(measured(poles, shapes, (0, 2)), **options)
-    start = poles * (1 + 1e-4j)
-    L, free = model._gauge(model.start(start))
+    frf = measured(poles, shapes, (0, 2))
+    model, start = ModalModel(frf, **options), poles * (1 + 1e-4j)
+    L, free = model._gauge(ModalModel(frf, real="real" in options).start(start))
     fit = model.evaluate(start, L, free)
     step = 1e-6 * np.abs(start[0])
     for index, change in ((0, step), (3, 1j * step)):  # parts of the first pole
@@ -161,3 +163,30 @@ def test_a_band_of_few_lines_is_refused():
     poles, shapes = modes(3, 4)
     with pytest.raises(UsageError, match="12 lines"):
         measured(poles, shapes, (0,), omega=OMEGA[:12])
+
+
+def test_doubts_are_said():
+    from dynid.modal.write_result import add_modes
+    from dynid.result import Result
+
+    poles, shapes = modes(5, 6)
+    frf = measured(poles, shapes, (0, 2))
+    spoiled = FrfMatrix(frf.omega, frf.values * [1, 1.1], 0.5 * frf.deviation * [1, 1.1], frf.scale)
+    result = Result("modal-analysis")
+    analysis = analyse(spoiled, driving((0, 2)))
+    add_modes(result, analysis, "abcdef", "ac", np.ones((600, 6)), ["a note"])
+    note, lack, reciprocity = result["modal/warnings"].data[:3]
+    assert note == "a note"
+    ratio, factor = map(float, re.findall(r"(?:is|are) ([\d.]+)", lack))
+    assert ratio == pytest.approx(4, rel=0.05)
+    assert factor == pytest.approx(2, rel=0.03)
+    assert reciprocity.startswith("the responses are not reciprocal")
+    assert result.value("modal/fit/lacks_fit")
+
+
+def test_a_negative_modal_mass_is_refused():
+    poles, shapes = modes(3, 4)
+    exact = -receptances(poles, shapes, (0,), OMEGA)
+    frf = FrfMatrix(OMEGA, exact, 1e-3 * np.abs(exact), np.ones((4, 1)))
+    with pytest.raises(NumericalError, match="negative modal mass"):
+        analyse(frf, [(0, 0)], real=True)

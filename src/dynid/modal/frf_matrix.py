@@ -92,11 +92,13 @@ class FrfMatrix:
         return replace(self, scale=np.sqrt(np.where(squares > 0, squares, 1.0)), estimated=True)
 
 
-def smoothed_variance(variance: Array, values: ComplexArray, flat: Array | None = None) -> Array:
+def smoothed_variance(
+    variance: Array, values: ComplexArray, degrees: float, flat: Array | None = None
+) -> Array:
     """Return variances by line (L x columns), averaged over lines in proportion to a profile.
 
     Profiles are the squared response and `flat` (default: 1), as of noise of the sensor; of each column the
-    likelier one counts.
+    likelier one counts. With so many `degrees` of freedom a line their inverses are unbiased, as weights are.
     """
     half = SMOOTHED_LINES // 2
     best, smoothed = np.full(variance.shape[1], np.inf), np.full(variance.shape, np.nan)
@@ -110,4 +112,5 @@ def smoothed_variance(variance: Array, values: ComplexArray, flat: Array | None 
         unlikelihood = np.sum(terms, axis=0)
         smoothed = np.where(unlikelihood < best, candidate, smoothed)
         best = np.minimum(best, unlikelihood)
-    return smoothed
+    total = SMOOTHED_LINES * degrees
+    return smoothed * total / (total - 2)

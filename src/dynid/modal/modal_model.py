@@ -138,22 +138,8 @@ class ModalModel:
 
     def start(self, poles: ComplexArray) -> ComplexArray:
         """Return participations (references x m) of the residues' best rank-one approximations."""
-        residues = self.residues(poles)
-        if not self.own:
-            return np.array(
-                [np.linalg.svd(R, full_matrices=False)[2][0] for R in residues.transpose(2, 0, 1)]
-            ).T
-        rows, columns = list(self.own), list(self.own.values())
-        participation = np.zeros((self.references, len(poles)), dtype=complex)
-        for r in range(len(poles)):
-            square = residues[np.ix_(rows, columns)][:, :, r]
-            left, _, _ = np.linalg.svd((square + square.T) / 2)
-            unit = left[:, 0]
-            own = unit * np.sqrt(unit.conj() @ square @ unit.conj())
-            participation[columns, r] = own
-            for i in set(range(self.references)) - set(columns):
-                participation[i, r] = own.conj() @ residues[rows, i, r] / (own.conj() @ own)
-        return participation
+        residues = self.residues(poles).transpose(2, 0, 1)
+        return np.array([np.linalg.svd(R, full_matrices=False)[2][0] for R in residues]).T
 
     def _gauge(self, participation: ComplexArray) -> tuple[ComplexArray, NDArray[np.bool_]]:
         """Return participations, the largest of each mode 1 and known; with reciprocity all are free."""

@@ -157,9 +157,8 @@ def _of_impacts(records: Sequence[TimeRecord], exponential: float | None) -> Spe
         values[pair], variances[pair] = H, None
         if len(at) > 1:
             scatter = np.sum(np.abs(Y - H * U) ** 2, axis=0) / (len(at) - 1)
-            variances[pair] = smoothed_variance((scatter / power)[:, None], H[:, None], 1 / power[:, None])[
-                :, 0
-            ]
+            variance, degrees = (scatter / power)[:, None], 2.0 * (len(at) - 1)
+            variances[pair] = smoothed_variance(variance, H[:, None], degrees, 1 / power[:, None])[:, 0]
     return Spectra(omega, values, variances, 0.0, notes)
 
 
@@ -207,7 +206,9 @@ def _of_random(records: Sequence[TimeRecord], exponential: float | None, segment
         rest = np.sum(np.abs(Y - H * U) ** 2, axis=0) / len(U) * averages / (averages - 1)
         variance = rest / (power / len(U)) / averages
         values[pair] = H
-        variances[pair] = smoothed_variance(variance[:, None], H[:, None], 1 / power[:, None])[:, 0]
+        variances[pair] = smoothed_variance(
+            variance[:, None], H[:, None], 2 * (averages - 1), 1 / power[:, None]
+        )[:, 0]
     return Spectra(omega, values, variances, 1 / (length * step), [])
 
 

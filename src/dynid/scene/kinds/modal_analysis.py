@@ -204,7 +204,7 @@ def _deviation(
     deviation = measured.profile[in_band(scene, measured.omega)]
     file = scene.model.measurement.frf and scene.model.measurement.frf.file
     if file and file.coherence is not None:
-        deviation = np.sqrt(smoothed_variance(deviation**2, values))
+        deviation = np.sqrt(smoothed_variance(deviation**2, values, 2 * max(1, (file.averages or 2) - 1)))
     return deviation, noise
 
 
