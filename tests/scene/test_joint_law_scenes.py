@@ -151,3 +151,18 @@ def test_every_law_has_a_model_in_scenes():
         if isinstance(model, type) and "kind" in getattr(model, "model_fields", {})
     }
     assert kinds == {*LAWS}
+
+
+def test_responses_beyond_the_amplitudes_of_the_records_say_so(tmp_path):
+    more = (
+        "measurement: {step: 0.005, samples: 150, channels: [{dof: 1, quantity: velocity}, "
+        "{dof: 2, quantity: velocity}], simulate: {noise_ratio: 0.01, seed: 1}}"
+    )
+    law = "{kind: cubic, k3: {start: 900, true: 1000}}"
+    for amplitude, beyond in ((20, False), (300, True)):
+        drive = f"{{dof: 1, kind: sine, amplitude: {amplitude}, frequency: 22}}"
+        asked = f"time: {{step: 0.005, stop: 0.2, input: [{drive}]}}"
+        result = dynid.run(scene(tmp_path, law, more=more, asked=asked))
+        note = result.group_attrs.get("structure/time_response", {}).get("note", "")
+        assert ("in the records by" in note) == beyond
+    assert result["identification/joints/range"].data.shape == (1,)

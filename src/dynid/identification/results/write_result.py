@@ -382,6 +382,10 @@ def _add_records(
             _add_history(result, _group(posterior, k, name), record, history)
     for k, (record, record_fit) in enumerate(zip(records, parts, strict=True)):
         _add_record(result, posterior, k, record, record_fit, bands[k], true[k])
+    if not all(record.superposes for record in records):
+        from dynid.identification.results.write_joints import add_joint_ranges
+
+        add_joint_ranges(result, records, parts)
 
 
 def _group(posterior: Posterior, k: int, name: str) -> str:

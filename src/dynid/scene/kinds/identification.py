@@ -79,6 +79,11 @@ def run(scene: Scene[IdentificationScene], sample: Result | None = None) -> Resu
         result.annotate("structure" if model.measurement is None else "identification", doubt=reduction.doubt)
     if model.responses is not None:
         result.merge(responses(scene, model, structure if reduction is None else reduction.model, values))
+        if structure.nonlinear:
+            from dynid.identification.results.write_joints import beyond_range
+
+            if beyond := beyond_range(result):
+                result.annotate("structure/time_response", note=beyond)
     add_geometry(result, model, structure, None if reduction is None else reduction.model)
     add_identification_scope(result, model, structure, reduction)
     return result

@@ -176,6 +176,7 @@ LAYOUT: dict[str, str] = {
         "time channel normalised mean_square low high overall overall_low overall_high consistent"
     ),
     "identification/residual_spectrum": "omega channel unit amplitude",
+    "identification/joints": "joint range",
     "identification/measurement": (
         "time omega channel unit measured predicted residual noise given_noise deviation frac frac_start "
         "excitation input_unit input prepared start samples_left_out clock_step clock_drift clock_jitter "

@@ -21,7 +21,7 @@ from dynid.scene.schema.base import (
     accuracy_faults,
 )
 from dynid.scene.schema.graph_variables import stored_energy_faults
-from dynid.scene.schema.joints import JointModel, ParameterModel
+from dynid.scene.schema.joints import JointModel, LawParameterModel, ParameterModel
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
 from dynid.scene.schema.parts import PartModel, PartName, PointModel
 from dynid.scene.schema.quantities import (
@@ -381,9 +381,10 @@ class IdentificationScene(ComposedScene):
         """Yield the fault of a measurement without unknowns, or unknowns without true values to simulate."""
         if self.measurement is None:
             return
-        unknowns: dict[Path, DefinedParameter | ParameterModel] = {
+        unknowns: dict[Path, DefinedParameter | ParameterModel | LawParameterModel] = {
             path: parameter
-            for path, parameter in sections(self.joints, ParameterModel, ("joints",))
+            for kind in (ParameterModel, LawParameterModel)
+            for path, parameter in sections(self.joints, kind, ("joints",))
             if parameter.start is not None
         }
         unknowns |= {
