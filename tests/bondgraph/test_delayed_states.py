@@ -177,3 +177,15 @@ def test_the_phase_is_left_out_where_it_takes_too_many_frequencies():
     result = dynid.run(scene(APART.replace("[properties, poles, step_info]", more)))
     assert "bond_graph/frequency_response/phase" not in result
     assert "too often" in result.group_attrs["bond_graph/frequency_response"]["phase_left_out"]
+
+
+def test_the_engine_that_estimates_roots_has_the_bounds_of_true_ones():
+    text = APART.replace("results: [properties, poles, step_info]", "results: [zeros, poles], engine: float")
+    result = dynid.run(scene(text))
+    group = "bond_graph/transfer_function/n.f/w"
+    assert result[f"{group}/pole_error_bound"].data.max() < 1e-10
+    assert not any("error_estimate" in path for path in result if path.startswith(group))
+    timed = APART.replace(
+        "[properties, poles, step_info]", "[time_response, poles], time: {stop: 1, step: 0.1}"
+    )
+    assert scene(timed).model.aspects == set()  # there is one way alone

@@ -184,6 +184,9 @@ def true_channels(result: Result, analysis: Analysis, opened: BondGraph) -> dict
             name = path.rpartition("/")[2]
             if path.startswith((f"{roots}/", f"{properties}/")) and name in _REPLACED:
                 replaced[path] = arrays.get(path)
+        for root in ("zero", "pole"):  # also where an engine has estimates instead
+            if f"{roots}/{root}s" in result:
+                replaced[f"{roots}/{root}_error_bound"] = arrays[f"{roots}/{root}_error_bound"]
     return replaced
 
 

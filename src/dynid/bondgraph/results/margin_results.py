@@ -351,11 +351,13 @@ def with_delays(result: Result, analysis: Analysis) -> Result:
     opened = analysis.opened.rounded() if analysis.reading == "binary" else analysis.opened
     true = true_channels(result, analysis, opened) | _high_frequencies(result, analysis)
     marked_result = Result(result.kind, result.title, result.attrs)
+    for path, replacement in true.items():
+        if replacement is not None:
+            marked_result.put(path, replacement)
     for path, variable in result.items():
         if path in true:
-            if (replacement := true[path]) is not None:
-                marked_result.put(path, replacement)
-        elif _approximate(path) and not path.endswith(_EXACT):
+            continue
+        if _approximate(path) and not path.endswith(_EXACT):
             attributes = {**variable.attrs, "approximate": text}
             marked_result.put(path, replace(variable, attrs=attributes))
         else:

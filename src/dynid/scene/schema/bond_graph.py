@@ -512,6 +512,9 @@ class BondGraphScene(ComposedScene):
     @property
     def aspects(self) -> set[str]:
         """The aspects in which it chooses between alternatives."""
+        control: ControlModel | None = self.control
+        if control is not None and (control.delays or control.sampled):
+            return set()  # there is one way alone
         requested = {"engine"} if self.analysis.asked() & ENGINE_RESULTS else set()
         if self.analysis.time is not None and "time_response" in self.analysis.asked():
             signals = self.analysis.time.input
