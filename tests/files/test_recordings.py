@@ -296,6 +296,20 @@ def test_files_that_claim_too_much_are_refused(tmp_path, monkeypatch):
     assert "cannot be read as a TDMS file" in refusal(tmp_path / "r.tdms", ["acc"])
 
 
+@pytest.mark.parametrize("stated", [{"increment": -STEP}, {"increment": np.inf}, {"offset": np.nan}])
+def test_a_clock_that_is_none_is_refused(tmp_path, stated):
+    path = write_tdms(tmp_path / "r.tdms", {"G": {"a": (ACC, waveform(**stated))}})
+    assert "of 'G/a'. Save it with a positive, finite step." in refusal(path, ["a"], step=STEP)
+
+
+def test_a_channel_without_samples_is_refused(tmp_path):
+    path = recorder_files.tdms(
+        tmp_path / "r.tdms", {"G": {"a": (ACC, waveform()), "b": (ACC[:0], waveform())}}
+    )
+    assert "has no samples in 'G/b'" in refusal(path, ["b"], step=STEP)
+    assert read_columns(path, ["a"], step=STEP).shape == (N, 1)
+
+
 def test_units_that_are_not_known_are_to_be_stated(tmp_path):
     write_tdms(tmp_path / "r.tdms", {"G": {"a": (ACC, waveform("Volts")), "b": (ACC, waveform("EU"))}})
     volts, engineering = read_measured.read_columns(tmp_path / "r.tdms", None, step=STEP).headings

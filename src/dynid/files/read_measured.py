@@ -72,7 +72,8 @@ def read_columns(
 
 def _start(table: DataTable) -> float | None:
     """Return the first time of a table; None without times."""
-    return None if table.times is None or np.isnan(table.times[:1]).any() else float(table.times[0])
+    first = [] if table.times is None else table.times[:1].tolist()
+    return first[0] if first and not np.isnan(first[0]) else None
 
 
 def check_starts(path: Path, start: float | None, other: float | None, step: float, scene_key: str) -> None:

@@ -174,8 +174,14 @@ def table_of(recording: Recording, request: ColumnRequest) -> DataTable:
         chosen = [recording.channel(channels, name, key) for name in columns]
     if not chosen:
         file.refuse("holds no channels of numbers")
+    if empty := [channel.path for channel in chosen if not channel.length]:
+        file.refuse(f"has no samples in '{empty[0]}'", key="columns")
     clock = clock or recording.time_of(chosen[0], channels)
     if clock is None:
+        for channel in chosen:
+            if not (np.isfinite([channel.start, channel.step]).all() and channel.step >= 0):
+                stated = f"the step {channel.step:g} s and the start {channel.start:g} s"
+                file.refuse(f"states {stated} of '{channel.path}'", "Save it with a positive, finite step.")
         _check_one_clock(recording, chosen)
     if any(channel.length != (clock or chosen[0]).length for channel in chosen):
         listed = shortened([f"{channel.path} {channel.length}" for channel in chosen], 8)
