@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dynid.errors import UsageError
+from dynid.errors import NotIdentifiable, UsageError
+from dynid.identification.diagnosis.idle_laws import idle_laws
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
@@ -17,7 +18,7 @@ from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.nonlinear.laws import Cubic, Jenkins
+from dynid.structure.nonlinear.laws import Cubic, Gap, Jenkins
 from dynid.structure.nonlinear.model_laws import joint_law
 from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter
@@ -26,6 +27,7 @@ STEP = 1 / 300
 LAWS = {
     "cubic": (Cubic(), {"k3": 2e8}),
     "jenkins": (Jenkins(), {"kt": 3e3, "fs": 1.0}),
+    "gap": (Gap(), {"kg": 2e4, "clearance": 2e-4, "cg": 5.0}),
 }
 
 
@@ -53,7 +55,7 @@ def truth(record):
     return np.array([unknown.coordinate(unknown.true) for unknown in record.unknowns])
 
 
-@pytest.mark.parametrize("kind", LAWS)
+@pytest.mark.parametrize("kind", ["cubic", "jenkins"])
 def test_derivatives_are_those_of_differences(kind):
     record = record_of(kind, 40)
     eta = truth(record)
@@ -107,6 +109,35 @@ def test_output_error_finds_a_cubic_spring():
     band = result["identification/states/standard_deviation"].data
     assert band.shape == (60, 4)
     assert (band > 0).all()
+
+
+def test_a_slider_that_sticks_is_named_with_the_excitation_that_moves_it():
+    sentences = []
+    for amplitude in (0.01, 0.1):
+        record = record_of("jenkins", 60, amplitude=amplitude)
+        fit = record.fit(truth(record), record.data.values)
+        sizes = np.abs(record.predicted(fit).by_parameter).max(axis=(0, 1))
+        assert sizes[3] < 1e-6 * sizes[2]  # of the slip force, which does not act, and the spring
+        sentences += idle_laws(record, fit)
+    factors = [float(sentence.rpartition("excitation ")[2].split()[0]) for sentence in sentences]
+    assert "joint bolt never slips in this record" in sentences[0]
+    assert factors[0] == pytest.approx(10 * factors[1], rel=0.1)
+    # With that much excitation it slips.
+    record = record_of("jenkins", 60, amplitude=0.11 * factors[1])
+    assert list(idle_laws(record, record.fit(truth(record), record.data.values))) == []
+
+
+def test_a_gap_that_stays_open_is_named():
+    record = record_of("gap", 60, amplitude=0.1)
+    (sentence,) = idle_laws(record, record.fit(truth(record), record.data.values))
+    assert "joint bolt never closes in this record" in sentence
+
+
+@pytest.mark.slow
+def test_a_record_that_never_slips_is_refused_with_the_excitation_that_would():
+    with pytest.raises(NotIdentifiable, match=r"bolt\.fs cannot be estimated") as refused:
+        identify(model("jenkins", 0.98), experiment(60, 0.01, amplitude=0.1), OutputError())
+    assert "oint bolt never slips in this record" in refused.value.remedy
 
 
 def test_parts_of_records_grow():

@@ -350,6 +350,12 @@ def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
     if suggest and (not posterior.comparison.explained or posterior.comparison.lacks_fit):
         mistakes = instrument_mistakes(posterior.likelihood, [posterior.fit.eta, start])
         posterior = replace(posterior, mistakes=tuple(mistakes))
+    if not all(record.superposes for record in posterior.likelihood.records):
+        from dynid.identification.diagnosis.idle_laws import idle_laws  # of joints with laws alone
+
+        fits = zip(posterior.likelihood.records, posterior.fit.parts, strict=True)
+        idle = dict.fromkeys(text for record, fit in fits for text in idle_laws(record, fit))
+        posterior = replace(posterior, mistakes=(*posterior.mistakes, *idle))
     try:
         posterior.check()
     except (Diverged, NotIdentifiable) as error:

@@ -21,6 +21,7 @@ from dynid.identification.least_squares import STATE_RANK, least_squares
 from dynid.identification.likelihood.record_likelihood import RecordFit
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.systems.nonlinear_prediction import (
+    bound_laws,
     hidden_start,
     hidden_states,
     predicted,
@@ -28,6 +29,8 @@ from dynid.identification.systems.nonlinear_prediction import (
 )
 from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.identification.systems.prediction import Prediction, Trajectory
+from dynid.identification.systems.structure_system import StructureSystem
+from dynid.structure.nonlinear.laws import BoundLaw
 from dynid.structure.nonlinear.tables import Refine
 
 # Most steps to the first state, and the change of the sum of squares, relative, below which one is the last.
@@ -113,6 +116,17 @@ class NonlinearRecord(TimeRecord):
         """Return the derivatives of the states (times x n, scaled) by first states and coordinates."""
         key, slopes = self._kept.get("slopes", (b"", None))
         return slopes if key == fit.eta.tobytes() else self._prediction(fit.eta, fit.predicted.start)[1]
+
+    def joint_motion(self, fit: RecordFit) -> tuple[Array, Array, list[tuple[str, BoundLaw]]]:
+        """Return deflections (times x joints with laws), first hidden states (h), and laws with joints."""
+        n, eta, start = self.model.states, fit.eta, fit.predicted.start
+        z0 = hidden_start(self.model, eta, start[:n], start[n:]).z0
+        steps = self._kept.get("steps", 1)
+        motion = predicted(self.model, eta, start[:n], z0, steps, sensitive=False)
+        system = self.system_model
+        assert isinstance(system, StructureSystem)
+        names = [joint.name for joint in system.model.joints for _ in joint.laws]
+        return motion.deflections, z0, list(zip(names, bound_laws(self.model, eta), strict=True))
 
     def first(self, samples: int) -> Self:
         """Return the likelihood of the first samples of the record."""
@@ -202,14 +216,14 @@ class NonlinearRecord(TimeRecord):
         hidden = hidden_start(self.model, eta, start[:n], start[n:])
         if "steps" not in self._kept:
             self._kept["steps"] = steps_needed(self.model, eta, start[:n], hidden.z0)
+        steps = self._kept["steps"]
         while True:
             try:
-                motion = predicted(self.model, eta, start[:n], hidden.z0, self._kept["steps"])
+                motion = predicted(self.model, eta, start[:n], hidden.z0, steps)
                 break
-            except Refine:
-                self._kept["steps"] *= 2
-                if self._kept["steps"] > _MAX_PARTS:
-                    self._kept["steps"] = 1
+            except Refine:  # parameters far from the estimate may need shorter steps
+                steps *= 2
+                if steps > _MAX_PARTS:
                     raise
 
         def joined(by_parameter: Array, by_state: Array, by_hidden: Array) -> tuple[Array, Array]:

@@ -94,6 +94,8 @@ class RecordLikelihood(ABC):
     #: The remedy of outliers that cannot be corrected; empty where there is none.
     outlier_remedy: ClassVar[str] = "estimator: {loss: huber}"
 
+    #: True if responses to loads and first states add up.
+    superposes: ClassVar[bool] = True
     #: True if the start says nothing of what the values determine: a slider that sticks there may slip.
     origin_is_free: ClassVar[bool] = False
 

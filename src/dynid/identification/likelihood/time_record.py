@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -223,9 +223,6 @@ class TimeRecord(RecordLikelihood):
             free, steps = free_prediction(self.model, fit.eta)
             return prediction(self.model, fit.eta, fit.predicted.start, free, steps)
         return self._last[key]
-
-    #: True if responses to loads and first states add up.
-    superposes: ClassVar[bool] = True
 
     def with_model(self, model: ParametricModel) -> Self:
         """Return the likelihood of the same record with another model of the same states."""
