@@ -85,12 +85,10 @@ class ModalModel:
         self._data: dict[tuple[int, int], Array] = {}
         for pair in self._pairs():
             weights = frf.weights[:, pair[0], pair[1]]
-            basis, _ = np.linalg.qr(weights[:, None] * terms)
-            zero = np.zeros_like(basis)
-            basis = np.block([[basis, zero], [zero, basis]])
-            data = _stacked(frf.weighted[:, pair[0], pair[1]])
+            basis, _ = np.linalg.qr(weights[:, None] * terms)  # of real and of imaginary parts
+            data = _stacked(frf.weighted[:, [pair[0]], pair[1]]).reshape(2, len(omega), 1)
             self._residual_bases[pair] = basis
-            self._data[pair] = data - basis @ (basis.T @ data)
+            self._data[pair] = (data - basis @ (basis.T @ data)).ravel()
 
     def _pairs(self) -> list[tuple[int, int]]:
         return [(o, i) for o in range(self.responses) for i in range(self.references)]
@@ -131,10 +129,10 @@ class ModalModel:
         return residues
 
     def _projected(self, pair: tuple[int, int], columns: Array) -> Array:
-        weights, basis = np.tile(self.frf.weights[:, pair[0], pair[1]], 2), self._residual_bases[pair]
-        X = weights[:, None] * columns
+        weights, basis = self.frf.weights[:, pair[0], pair[1]], self._residual_bases[pair]
+        X = weights[:, None] * columns.reshape(2, len(weights), -1)
         X -= basis @ (basis.T @ X)
-        return np.asarray(X)
+        return np.asarray(X.reshape(columns.shape))
 
     def start(self, poles: ComplexArray) -> ComplexArray:
         """Return participations (references x m) of the residues' best rank-one approximations."""

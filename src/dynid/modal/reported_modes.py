@@ -161,7 +161,7 @@ def _by_driving_point(
     if np.all((participation / psi).imag == 0) and np.any((participation / psi).real < 0):
         raise NumericalError(
             "a mode has a negative modal mass at its driving point",
-            remedy="Check the directions of sensor and force there: NODE:-DIR turns one.",
+            remedy="Turn sensor or force there (NODE:-DIR), or leave the shapes complex.",
         )
     scale = np.sqrt(participation / psi)
     scale = scale * _signs(fit.shapes[:, modes] * scale)
