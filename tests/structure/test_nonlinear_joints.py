@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from dynid.arithmetic.expression import parse
-from dynid.errors import UsageError
+from dynid.errors import NumericalError, UsageError
 from dynid.lti.generator import RecordTimes
 from dynid.lti.signals import signal
 from dynid.lti.timeline import timeline
@@ -223,3 +223,46 @@ def test_linear_analyses_use_the_tangent_at_rest():
 def test_laws_that_create_energy_or_overlap_are_refused(law, values):
     with pytest.raises(UsageError, match="negative"):
         known(law, *values)
+
+
+def test_free_masses_keep_their_momentum_through_events():
+    """Rigid-body motion has no basis of eigenvectors: parts of steps are exponentials of matrices."""
+    free = lumped([1.0, 1.2], [Link((1, 2), 300.0, 0.5)]).joined(
+        [Joint("bolt", (1, 2), laws=(known(Jenkins(), 800.0, 2.0),))]
+    )
+    times, force = np.arange(60) * STEP, 20.0
+    load = Load(1, signal("sine", {"amplitude": force, "frequency": 40.0}, RecordTimes(STEP, 60)))
+    result = time_response(free, [load], [Channel(dof, "velocity") for dof in (1, 2)], times)
+    momentum = result["structure/time_response/response"].data @ [1.0, 1.2]
+    expected = force / 40 * (1 - np.cos(40 * times))
+    assert momentum == pytest.approx(expected, rel=1e-9, abs=1e-9 * expected.max())
+    assert result.group_attrs["structure/joints"]["events"] > 2
+
+
+def test_a_structure_without_mass_somewhere_is_refused():
+    massless = lumped([1.0, 0.0], [Link((1,), 900.0), Link((1, 2), 900.0)])
+    bolted = massless.joined([Joint("bolt", (2,), laws=(known(Cubic(), 1.0),))])
+    with pytest.raises(UsageError, match="needs mass everywhere"):
+        time_response(bolted, [Load(1, SINES)], [Channel(1, "velocity")], np.arange(4) * STEP)
+
+
+def test_a_motion_that_needs_too_short_steps_is_refused(monkeypatch):
+    monkeypatch.setattr("dynid.structure.nonlinear.march._COARSE_TOL", 0.0)
+    monkeypatch.setattr("dynid.structure.nonlinear.march._MAX_PARTS", 2)
+    with pytest.raises(NumericalError, match="still changes"):
+        time_response(
+            structure(known(Cubic(), 3e7)), [Load(1, SINES)], [Channel(1, "velocity")], np.arange(9) * STEP
+        )
+
+
+def test_a_random_load_and_an_impulse_act_on_nonlinear_joints():
+    times, channels = np.arange(40) * STEP, [Channel(1, "displacement")]
+    record = RecordTimes(STEP, 40)
+    band = {"amplitude": 3.0, "seed": 1, "band": (10.0, 300.0)}
+    loads = [Load(1, signal("random", band, record)), Load(2, signal("impulse", {"amplitude": 0.05}, record))]
+    got = time_response(structure(known(Jenkins(), 500.0, 1e9)), loads, channels, times)
+    expected = time_response(structure(k=1500.0), loads, channels, times)
+    path = "structure/time_response/response"
+    assert got[path].data == pytest.approx(
+        expected[path].data, rel=1e-7, abs=1e-8 * np.abs(expected[path].data).max()
+    )
