@@ -24,6 +24,7 @@ SCENES = (
     "beam_reduction",
     "beam_frf",
     "table2",
+    "slipping_bolt",
 )
 
 

@@ -25,6 +25,7 @@ from dynid.structure.nonlinear.tables import (
     Regime,
     Steps,
     first_regimes,
+    folded,
     lobatto,
 )
 
@@ -102,7 +103,7 @@ def march(
         fixed |= {"by_rows": columns.by_rows, "by_loads": columns.by_loads, "by_forces": columns.by_forces}
     integers = {"codes", "places", "which", "sample"}
     fixed = {name: array if name in integers else _plain(array) for name, array in fixed.items()}
-    regimes: list[Regime] = []
+    regimes = [Regime(rest, *folded(rest, laws, state["state"].tolist()))]
     tables = _tables(rest, regimes, lengths)
     while True:
         members = structure(

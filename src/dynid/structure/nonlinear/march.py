@@ -36,6 +36,7 @@ from dynid.structure.nonlinear.tables import (
     Steps,
     Tables,
     first_regimes,
+    folded,
     lobatto,
 )
 
@@ -75,11 +76,7 @@ class _March:
     @property
     def regime(self) -> Regime:
         """The rest with the tangents of the regimes."""
-        k, c = np.zeros(self.rest.forces), np.zeros(self.rest.forces)
-        for law, regime in zip(self.laws, self.regimes, strict=True):
-            stiffness, damping = law.tangent(regime)
-            k[law.row] += stiffness
-            c[law.row] += damping
+        k, c = folded(self.rest, self.laws, self.regimes)
         key = (*k.tolist(), *c.tolist())
         if key not in self.cache:
             self.cache[key] = Regime(self.rest, k, c)

@@ -118,6 +118,16 @@ def first_regimes(rest: LinearRest, laws: Sequence[BoundLaw], x0: Array, z0: Arr
     ]
 
 
+def folded(rest: LinearRest, laws: Sequence[BoundLaw], regimes: Sequence[int]) -> tuple[Array, Array]:
+    """Return stiffness and damping (nf) of the laws in some regimes, which the march takes into the rest."""
+    k, c = np.zeros(rest.forces), np.zeros(rest.forces)
+    for law, regime in zip(laws, regimes, strict=True):
+        stiffness, damping = law.tangent(int(regime))
+        k[law.row] += stiffness
+        c[law.row] += damping
+    return k, c
+
+
 class Tables(NamedTuple):
     """A step of length h: exact responses at its nodes (1 … s - 1) and at its end."""
 
