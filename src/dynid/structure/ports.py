@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from dynid.structure.labels import Label
 from dynid.structure.model import StructuralModel
 from dynid.units import as_factor
 
+if TYPE_CHECKING:
+    from dynid.lti.filters import Filter
+
 UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
 """SI units of the output quantities (of translations; read m as rad for rotations)."""
 
@@ -26,8 +29,8 @@ class Channel(NamedTuple):
     """An output: `quantity` (displacement, velocity, acceleration) of `dof`, less that of `reference`.
 
     Where the ground moves it is relative to the ground, or `absolute`. What is recorded is ``gain`` times the
-    output ``delay`` earlier (s), plus ``offset``. The DOF's `kind` is ``translation``, ``rotation`` or
-    ``unknown``; default: as its label says, else a translation.
+    output ``delay`` earlier (s), behind `filters` of the instrument, plus ``offset``. The DOF's `kind` is
+    ``translation``, ``rotation`` or ``unknown``; default: as its label says, else a translation.
     """
 
     dof: Label
@@ -38,6 +41,7 @@ class Channel(NamedTuple):
     offset: Real = 0.0
     delay: Real = 0.0
     kind: str = ""
+    filters: tuple[Filter, ...] = ()
 
     @property
     def name(self) -> str:

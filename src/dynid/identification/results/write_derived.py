@@ -113,14 +113,14 @@ def _systems(posterior: Posterior) -> list[tuple[LinearSystem, list[Pair]]]:
     seen: set[tuple[str, str]] = set()
     for record in posterior.likelihood.records:
         if isinstance(record, FrfRecord):
-            system = record.system.system
+            system = record.system.system.unfiltered
             functions = zip(record.channels, record.system.pairs, strict=True)
             pairs = [
                 Pair(function.channel.name, str(function.force), function.unit, *pair_indices)
                 for function, pair_indices in functions
             ]
         elif isinstance(record, TimeRecord):
-            system = record.model.system
+            system = record.model.system.unfiltered
             loads = record.conditions.loads
             pairs = pairs_of(
                 [(channel.name, channel.unit) for channel in record.channels],

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from dynid.lti.state_space import Matrices, StateSpace
 from dynid.lti.time_response import TimeResponse, propagate
 from dynid.parameters import Parameter, true_values
 from dynid.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from dynid.lti.filters import Filter
 
 # Most known storages whose values are considered one by one.
 _MAX_STORAGES = 24
@@ -64,7 +67,7 @@ class SourceLoad(NamedTuple):
 class GraphChannel(NamedTuple):
     """A measured variable of the graph: effort, flow, displacement or momentum at a node.
 
-    What is recorded is ``gain`` times the variable ``delay`` earlier (s), plus ``offset``.
+    What is recorded is ``gain`` times the variable ``delay`` earlier (s), behind `filters`, plus ``offset``.
     """
 
     port: Port
@@ -72,6 +75,7 @@ class GraphChannel(NamedTuple):
     gain: Real = 1.0
     offset: Real = 0.0
     delay: Real = 0.0
+    filters: tuple[Filter, ...] = ()
 
     @property
     def name(self) -> str:
@@ -173,7 +177,14 @@ class IdentifiedGraph:
             )
         return SourceLoad(source, signal, self._units.of_input(source), gain, delay)
 
-    def channel(self, port: Port, gain: Real = 1.0, offset: Real = 0.0, delay: Real = 0.0) -> GraphChannel:
+    def channel(
+        self,
+        port: Port,
+        gain: Real = 1.0,
+        offset: Real = 0.0,
+        delay: Real = 0.0,
+        filters: tuple[Filter, ...] = (),
+    ) -> GraphChannel:
         """Return the channel that measures a variable, with its unit.
 
         Raises UsageError if there is no such variable.
@@ -186,7 +197,7 @@ class IdentifiedGraph:
             )
         if fault := port_fault({name: node.type for name, node in nodes.items()}, port):
             raise UsageError(fault, names=(str(port), port.node))
-        return GraphChannel(port, self._units.of_output(port), gain, offset, delay)
+        return GraphChannel(port, self._units.of_output(port), gain, offset, delay, filters)
 
     def system(self, loads: Sequence[SourceLoad], channels: Sequence[GraphChannel]) -> GraphSystem:
         """Return the system from the loads to the channels.
@@ -213,9 +224,13 @@ class IdentifiedGraph:
         values = true_values(self.unknowns)
         system = self.system(loads, channels)
         system.check()
-        return propagate(
-            system.state_space(values), system.signals, times, system.started(values, self.initial)
-        )
+        space, start = system.state_space(values), system.started(values, self.initial)
+        if any(channel.filters for channel in channels):
+            from dynid.identification.systems.filtered_system import filtered_space, filters_of
+
+            space = filtered_space(space, filters_of(channels), values)
+            start = np.pad(start, (0, len(space.A) - len(start)))
+        return propagate(space, system.signals, times, start)
 
 
 class GraphSystem(LinearSystem):

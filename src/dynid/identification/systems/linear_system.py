@@ -108,6 +108,11 @@ class LinearSystem(ABC):
         return np.zeros((len(self.signals), n)), np.zeros(n, dtype=bool)
 
     @property
+    def unfiltered(self) -> LinearSystem:
+        """The system without filters of its instruments."""
+        return self
+
+    @property
     def affine(self) -> Affine | None:
         """The matrices as affine functions of the parameters; None where they are not."""
         return None

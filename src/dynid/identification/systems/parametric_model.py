@@ -462,6 +462,13 @@ def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> Li
     else:
         system = model.system(loads, channels)
     system.considered = tuple(parameter for parameter in model.parameters if parameter.std is not None)
+    if any(channel.filters for channel in channels):
+        from dynid.identification.systems.filtered_system import (
+            FilteredSystem,
+            filters_of,
+        )  # of filters alone
+
+        return FilteredSystem(system, channels, filters_of(channels))
     return system
 
 

@@ -112,12 +112,22 @@ def _ideally_simulated(
     truth = model.true_values()
     driven, matrices = drive(model, loads, channels, truth), model.dense(truth)
     motion = starting_state(model, loads, source.displacement, source.velocity)
+    filtered = any(channel.filters for channel in channels)
     if model.nonlinear:
         from dynid.structure.nonlinear.response import nonlinear_response
 
+        if filtered:
+            from dynid.identification.systems.filtered_system import not_nonlinear
+
+            raise not_nonlinear()
         return nonlinear_response(model, driven, signals_of(loads), times, motion, truth)[0]
-    start = driven.state(*matrices[:2], motion)
-    return propagate(driven.system(*matrices), signals_of(loads), times, start)
+    space, start = driven.system(*matrices), driven.state(*matrices[:2], motion)
+    if filtered:
+        from dynid.identification.systems.filtered_system import filtered_space, filters_of
+
+        space = filtered_space(space, filters_of(channels), truth)
+        start = np.pad(start, (0, len(space.A) - len(start)))
+    return propagate(space, signals_of(loads), times, start)
 
 
 def true_states(
@@ -134,8 +144,10 @@ def true_states(
     if not isinstance(measurement.source, Simulation):
         return None
     states = simulated(truth, loads, measurement).states
+    filters = sum(item.order for channel in measurement.channels for item in channel.filters)
+    states, of_filters = states[:, : states.shape[1] - filters], states[:, states.shape[1] - filters :]
     if not isinstance(truth, StructuralModel) or not isinstance(model, StructuralModel):
-        return states
+        return np.concatenate([states, of_filters], axis=1)
     if states.shape[1] != 2 * truth.size:  # massless DOFs are no states
         channels = tuple(Channel(dof, kind) for kind in ("displacement", "velocity") for dof in truth.dofs)
         states = simulated(truth, loads, replace(measurement, channels=channels)).outputs
@@ -148,4 +160,4 @@ def true_states(
         momentum = model.basis.T.T @ np.asarray(as_array(full.M))
         read = np.asarray(np.linalg.lstsq(as_array(model.M), momentum, rcond=None)[0])
     moved = states.reshape(len(states), 2, truth.size) @ read.T
-    return np.asarray(moved.reshape(len(states), -1))
+    return np.concatenate([moved.reshape(len(states), -1), of_filters], axis=1)

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from dynid.identification.records.noise import ColouredNoise
     from dynid.identification.records.preparation import Preparation
     from dynid.identification.systems.graph_system import IdentifiedGraph
+    from dynid.lti.filters import Filter
     from dynid.scene.load import Scene
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.measurement import (
@@ -209,7 +210,9 @@ def initial_motion(model: IdentificationScene, structure: Tested = None) -> dict
 def channel_of(channel_model: ChannelModel, model: Tested = None) -> Any:
     """Return a sensor of a structure, named by its DOFs' own labels where it is known; or of a graph."""
     if channel_model.output is not None:
-        return cast("IdentifiedGraph", model).channel(channel_model.output, *_instrument_of(channel_model))
+        instrument = _instrument_of(channel_model)
+        filters = _filters_of(channel_model)
+        return cast("IdentifiedGraph", model).channel(channel_model.output, *instrument, filters)
     assert channel_model.quantity is not None
     dof, *others = (result_name(model, dof) for dof in channel_model.ends)
     reference = others[0] if others else None
@@ -218,7 +221,8 @@ def channel_of(channel_model: ChannelModel, model: Tested = None) -> Any:
         said = f"a sensor between {ends} measures nothing: they are one DOF"
         raise UsageError(said, names=("measurement.channels",))
     absolute, kind = channel_model.frame == "absolute", kind_of(model, dof)
-    return Channel(dof, channel_model.quantity, reference, absolute, *_instrument_of(channel_model), kind)
+    instrument, filters = _instrument_of(channel_model), _filters_of(channel_model)
+    return Channel(dof, channel_model.quantity, reference, absolute, *instrument, kind, filters)
 
 
 def kind_of(model: Tested, dof: Dof | None) -> str:
@@ -263,6 +267,20 @@ def _instrument_of(channel: ChannelModel) -> tuple[Real, Real, Real]:
         usual[key] if quantity is None else quantity.real for key, quantity in stated.items()
     )
     return gain, offset, delay
+
+
+def _filters_of(channel: ChannelModel) -> tuple[Filter, ...]:
+    """Return the stated filters of a channel, in the order in which they act."""
+    stated = {kind: getattr(channel, kind, None) for kind in ("high_pass", "low_pass")}
+    if not any(stated.values()):
+        return ()
+    from dynid.lti.filters import Filter  # of filters alone
+
+    return tuple(
+        Filter(kind, angular_factor(item.unit) * item.frequency.real, item.order, item.type)  # type: ignore[arg-type]
+        for kind, item in stated.items()
+        if item is not None
+    )
 
 
 def levels(quantities: Quantity | list[Quantity] | None) -> float | list[float] | None:

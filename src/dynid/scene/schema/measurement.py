@@ -33,6 +33,8 @@ from dynid.scene.schema.quantities import (
     Positive,
     Quantity,
     Uncertain,
+    UncertainNotNegative,
+    UncertainPositive,
     Value,
     fault,
     raise_faults,
@@ -102,17 +104,30 @@ class ReferenceModel(Section):
         return place
 
 
+class FilterModel(Section):
+    """A filter of an instrument; `frequency` is that of the -3 dB point."""
+
+    frequency: UncertainPositive
+    order: int = Field(default=1, ge=1, le=10, strict=True)
+    type: Literal["butterworth", "bessel"] = "butterworth"
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+
 class MeasuredChannelModel(ChannelModel):
     """One sensor of a record, or of a frequency response with its `reference`.
 
-    Recorded is gain · (model at t − delay) + offset, in `unit`, by default that of the column's heading, else
-    the SI unit. With a `sensitivity` the recorded signal of the sensor, such as a voltage, has this unit.
+    Recorded is gain · (model at t − delay, behind its filters) + offset, in `unit`, by default that of the
+    column's heading, else the SI unit. With a `sensitivity` the recorded signal of the sensor, such as a
+    voltage, has this unit.
     """
 
     reference: ReferenceModel | None = None
     gain: Uncertain | None = None
     offset: Uncertain | None = None
     delay: Uncertain | None = None
+    high_pass: FilterModel | None = None
+    low_pass: FilterModel | None = None
+    mass: UncertainNotNegative | None = None
     unit: UnitName | None = None
     sensitivity: SensitivityModel | None = None
 
@@ -120,6 +135,8 @@ class MeasuredChannelModel(ChannelModel):
     def _is_calibrated(self) -> Self:
         if self.gain is not None and self.gain.value == 0:
             raise fault("the 'gain' is 0, and the channel would show nothing")
+        if self.mass is not None and (self.dof is None or self.output is not None):
+            raise fault("the 'mass' of a sensor is at the one 'dof' that it measures")
         if self.reference is not None and self.offset is not None:
             raise fault("a frequency response has no 'offset'")
         if self.unit is not None and self.quantity is not None and self.sensitivity is None:
