@@ -92,10 +92,17 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
         before = concentrated(plain, plain.fit(etas[0]), None)
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         before = math.inf
-    for best in _explanations(plain, etas):
-        if best is not None and _explains(plain, best, before):
-            return list(_sentences(plain, best))
-    return []
+    explanations = _explanations(plain, etas)
+    best = next(
+        (found for found in explanations if found is not None and _explains(plain, found, before)), None
+    )
+    if best is not None and not compare_models(best.likelihood, best.fit).lacks_fit:
+        return list(_sentences(plain, best))
+    from dynid.identification.diagnosis.missing_instruments import missing_instruments  # of a misfit alone
+
+    if said := missing_instruments(plain, etas):
+        return said
+    return [] if best is None else list(_sentences(plain, best))
 
 
 def _explanations(plain: Likelihood, etas: Sequence[Array]) -> Iterator[Found | None]:

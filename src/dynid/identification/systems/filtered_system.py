@@ -55,7 +55,7 @@ class FilteredSystem(LinearSystem):
         self.system, self.filters = system, filters
         self.unknowns = (*system.unknowns, *further)
         self.considered, self.signals = system.considered, system.signals
-        self.further = len(further)
+        self.further = frozenset(unknown.name for unknown in further)
         names = [unknown.name for unknown in self.unknowns]
         self._places = {name: place for place, name in enumerate(names)}
         states = [
@@ -77,10 +77,11 @@ class FilteredSystem(LinearSystem):
 
     def at(self, values: Mapping[str, float]) -> Matrices:
         """Return the matrices of the system with its filters."""
-        matrices = self.system.at(values)
+        matrices = self.system.at(self._of_system(values))
         if self.further:
             slopes = (
-                np.concatenate([slope, np.zeros((self.further, *slope.shape[1:]))]) for slope in matrices[4:]
+                np.concatenate([slope, np.zeros((len(self.further), *slope.shape[1:]))])
+                for slope in matrices[4:]
             )
             matrices = Matrices(*matrices[:4], *slopes)
         for channel, of_channel in enumerate(self.filters):
@@ -135,6 +136,12 @@ class FilteredSystem(LinearSystem):
         dA, dB, dC, dD = extended(dA, dB, dC, dD, by_corner)
         return Matrices(A, B, C, D, dA, dB, dC, dD)
 
+    def _of_system(self, values: Mapping[str, float]) -> Mapping[str, float]:
+        """Return the values of the parameters that the system without filters knows."""
+        if not self.further:
+            return values
+        return {name: value for name, value in values.items() if name not in self.further}
+
     @staticmethod
     def _corner(item: Filter, values: Mapping[str, float]) -> tuple[float, Mapping[str, float]]:
         evaluation = evaluated(item.frequency, values)
@@ -142,8 +149,8 @@ class FilteredSystem(LinearSystem):
 
     def prior(self, values: Mapping[str, float], length: float) -> Array:
         """Return a root of the prior covariance: states of filters have the size of what passes them."""
-        root = self.system.prior(values, length)
-        reach = self.system.reach(values, length)
+        root = self.system.prior(self._of_system(values), length)
+        reach = self.system.reach(self._of_system(values), length)
         sizes = [
             reach[channel]
             for channel, of_channel in enumerate(self.filters)
@@ -157,7 +164,7 @@ class FilteredSystem(LinearSystem):
 
     def reach(self, values: Mapping[str, float], length: float) -> Array:
         """Return the standard deviation of each channel before its filters, which amplify nothing."""
-        return self.system.reach(values, length)
+        return self.system.reach(self._of_system(values), length)
 
     def prescribed(self, time: float) -> tuple[Array, NDArray[np.bool_]]:
         """Return what loads prescribe of the system's states; of filters nothing."""
@@ -170,7 +177,7 @@ class FilteredSystem(LinearSystem):
         own = [
             self._corner(item, values)[0] * item.poles for of_channel in self.filters for item in of_channel
         ]
-        return np.concatenate([self.system.poles(values), *own])
+        return np.concatenate([self.system.poles(self._of_system(values)), *own])
 
     def solved_size(self, omega: Array, pairs: Pairs) -> int:
         """Return the number of equations that an evaluation of responses solves at each line."""
@@ -180,8 +187,8 @@ class FilteredSystem(LinearSystem):
         self, values: Mapping[str, float], omega: Array, pairs: Pairs, *, slopes: bool = True
     ) -> Responses:
         """Return the responses of pairs of a channel and a load behind their filters, and derivatives."""
-        H, moved = self.system.paired_response(values, omega, pairs, slopes=slopes)
-        H, moved = H.copy(), np.pad(moved, ((0, 0), (0, 0), (0, self.further * slopes)))
+        H, moved = self.system.paired_response(self._of_system(values), omega, pairs, slopes=slopes)
+        H, moved = H.copy(), np.pad(moved, ((0, 0), (0, 0), (0, len(self.further) * slopes)))
         for column, (channel, _) in enumerate(pairs):
             for item in self.filters[channel]:
                 corner, by_parameter = self._corner(item, values)

@@ -328,11 +328,23 @@ def parametric_model(
     `channels`: the measured quantities; `times`: sampling times, s. Raises UsageError if nothing is unknown,
     nothing is measured, a DOF does not exist, or the record is too large.
     """
-    unknowns = unknowns_of(model)
+    unknowns_of(model)
     if not channels:
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
     system = system_of(model, loads, channels)
     system.check()
+    freed = partial(_freed, model, loads, channels, system.states)
+    return replace(model_of_system(system, loads, channels, times), free=freed)
+
+
+def model_of_system(
+    system: LinearSystem, loads: Sequence[Any], channels: Sequence[Any], times: Array
+) -> ParametricModel:
+    """Build the augmented model of a system with the loads and channels of a record.
+
+    All else is as of `parametric_model`.
+    """
+    unknowns = system.unknowns
     instruments = Instruments.of([unknown.name for unknown in unknowns], loads, channels)
     starts = {unknown.name: unknown.start for unknown in unknowns}
     started = instruments.applied(system.at(starts), starts)
@@ -367,7 +379,6 @@ def parametric_model(
         acting=np.ones(len(loads), dtype=bool),
         instruments=instruments,
         sampling=sampling,
-        free=partial(_freed, model, loads, channels, system.states),
     )
 
 
