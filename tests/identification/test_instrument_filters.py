@@ -1,5 +1,7 @@
 """Stated filters and masses of sensors: exact in time and frequency; undeclared ones are named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.signal
@@ -13,12 +15,16 @@ from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.frf_system import FrfSystem
+from dynid.identification.systems.parametric_model import system_of
 from dynid.identification.systems.prediction import free_prediction, prediction
 from dynid.identification.systems.record_values import simulated
 from dynid.lti.filters import Filter
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
 from dynid.structure.frame import beam
+from dynid.structure.joints import JointParameter
+from dynid.structure.nonlinear.laws import Cubic
+from dynid.structure.nonlinear.model_laws import joint_law
 from dynid.structure.ports import Channel, Load
 from dynid.structure.sensor_masses import with_sensor_masses
 from tests.identification.cases import diagnostic, parameter
@@ -223,6 +229,16 @@ def test_a_sensor_loads_all_translations_of_its_node():
         with_sensor_masses(model, {"theta_1": 0.1})
     with pytest.raises(UsageError, match="have different masses"):
         with_sensor_masses(model, {"w_2": 0.5, "2:y": 0.4})
+
+
+def test_nonlinear_joints_behind_filters_are_refused():
+    first, second = suspension().joints
+    bent = replace(first, laws=(joint_law(Cubic(), [JointParameter(value=1e6)]),))
+    model = suspension().joined([bent, second])
+    with pytest.raises(UsageError, match="not described behind nonlinear laws"):
+        identify(model, Experiment(LOADS, measurement(behind(FILTERS["AC-coupled"]), Simulation(0.0, 0), 50)))
+    with pytest.raises(UsageError, match="not described behind nonlinear laws"):
+        system_of(model, LOADS, behind(FILTERS["AC-coupled"]))
 
 
 # What is not stated

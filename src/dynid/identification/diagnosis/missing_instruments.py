@@ -107,8 +107,11 @@ def missing_instruments(plain: Likelihood, etas: Sequence[Array]) -> list[str]:
 
 
 def _has_filters(record: Any) -> bool:
-    """Return True where a channel has a stated filter already, or the record is of another kind."""
+    """Return True where a channel has a stated filter already, or no filter is sought behind the model."""
     if not isinstance(record, TimeRecord | FrfRecord):
+        return True
+    model = getattr(record.system_model, "model", None)
+    if getattr(model, "nonlinear", False):  # whose laws no linear system has
         return True
     return any(getattr(channel, "channel", channel).filters for channel in record.channels)
 

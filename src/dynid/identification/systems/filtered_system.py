@@ -30,6 +30,15 @@ def filters_of(channels: Sequence[Any]) -> Filters:
     return [getattr(channel, "filters", ()) for channel in channels]
 
 
+def not_nonlinear() -> UsageError:
+    """Return the error about filters of a structure with nonlinear joints."""
+    return UsageError(
+        "the channels have filters, which are not described behind nonlinear laws of joints",
+        remedy="Leave the filters out where they do not act in the band, or the laws.",
+        names=("measurement.channels",),
+    )
+
+
 class FilteredSystem(LinearSystem):
     """A system behind filters.
 

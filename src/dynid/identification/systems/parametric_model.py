@@ -474,11 +474,10 @@ def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> Li
         system = model.system(loads, channels)
     system.considered = tuple(parameter for parameter in model.parameters if parameter.std is not None)
     if any(channel.filters for channel in channels):
-        from dynid.identification.systems.filtered_system import (
-            FilteredSystem,
-            filters_of,
-        )  # of filters alone
+        from dynid.identification.systems.filtered_system import FilteredSystem, filters_of, not_nonlinear
 
+        if isinstance(model, StructuralModel) and model.nonlinear:
+            raise not_nonlinear()
         return FilteredSystem(system, channels, filters_of(channels))
     return system
 
