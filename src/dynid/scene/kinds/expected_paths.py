@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES, ResultName
+from dynid.bondgraph.graph import LINE
 from dynid.errors import DynidError, Fault
 from dynid.scene.kinds.expected_labels import (
     analysis_of,
@@ -240,6 +241,8 @@ def _unlisted(name: str, result: ResultName) -> str:
 def _has(model: Any, key: str) -> bool:
     """Return True for a scene with a key, given by its dotted path, or with a condition of `_NEEDS`."""
     match key:
+        case "control" if any(node.type == LINE for node in model.graph.nodes.values()):
+            return True  # a line has loops of its own
         case "laws":
             nodes = model.graph.nodes.values()
             return getattr(model, "operating_point", None) is not None or any(map(has_law, nodes))
