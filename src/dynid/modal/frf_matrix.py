@@ -82,7 +82,6 @@ class FrfMatrix:
 
     def with_scale_of_differences(self) -> FrfMatrix:
         """Return the responses with scales of the noise by third differences along the lines."""
-        ratio = np.zeros_like(self.values)
         differences = sum(c * self.values[k : len(self.omega) - 3 + k] for k, c in enumerate(_DIFFERENCE))
         variance = sum(
             c**2 * self.deviation[k : len(self.omega) - 3 + k] ** 2 for k, c in enumerate(_DIFFERENCE)

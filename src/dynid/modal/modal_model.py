@@ -233,6 +233,7 @@ class ModalModel:
                 damping *= _DAMPING_FACTOR
             else:
                 break
+            assert moved is not None  # the search for it ended with one
             decrease, fit = fit.chi2 - moved.chi2, moved
             damping = max(damping / _DAMPING_FACTOR, _MIN_DAMPING)
             if decrease < _DECREASE:

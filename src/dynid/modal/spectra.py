@@ -123,7 +123,7 @@ def spectra_of_records(
 
 
 def _of_impacts(records: Sequence[TimeRecord], exponential: float | None) -> Spectra:
-    notes, good = [], []
+    notes, good = list[str](), list[TimeRecord]()
     for record in records:
         if problem := defect(record):
             notes.append(f"{record.name} is left out: {problem}")

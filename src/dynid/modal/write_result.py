@@ -71,7 +71,7 @@ def add_modes(
 
 def _doubts(analysis: ModalAnalysis) -> list[str]:
     """Return what users must know of the modes."""
-    doubts, modes = [], analysis.modes
+    doubts, modes = list[str](), analysis.modes
     if analysis.bar_scale > 1:
         doubts.append(
             f"lack of fit: chi-squared is {analysis.reduced_chi2:.3g} of its expectation, and standard "

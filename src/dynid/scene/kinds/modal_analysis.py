@@ -124,7 +124,7 @@ def _test_of_records(scene: Scene[ModalAnalysisScene]) -> ModalTest:
     from dynid.scene.kinds.measurements import experiments
 
     model = scene.model
-    records, sensors = [], {}
+    records, sensors = list[TimeRecord](), dict[tuple[str, str], Frf]()
     for number, (loads, measurement) in enumerate(experiments(scene, model.excitation, model.measurement), 1):
         force = _force_of(loads, measurement, number)
         names = [str(channel.dof) for channel in measurement.channels]
