@@ -38,7 +38,7 @@ from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
-    from dynid.scene.schema.bond_graph import AnalysisModel
+    from dynid.scene.schema.bond_graph import AnalysisModel, NodeModel
     from dynid.scene.schema.identification import IdentificationScene
 
 #: Attributes of a channel's properties that are named like one of these.
@@ -238,10 +238,15 @@ def _unlisted(name: str, result: ResultName) -> str:
     return f"'{name}' comes with the result '{result}', which 'results' does not list; add it"
 
 
+def _nodes(model: Any) -> list[NodeModel]:
+    graph = getattr(model, "graph", None)
+    return [] if graph is None else list(graph.nodes.values())
+
+
 def _has(model: Any, key: str) -> bool:
     """Return True for a scene with a key, given by its dotted path, or with a condition of `_NEEDS`."""
     match key:
-        case "control" if any(node.type == LINE for node in model.graph.nodes.values()):
+        case "control" if any(node.type == LINE for node in _nodes(model)):
             return True  # a line has loops of its own
         case "laws":
             nodes = model.graph.nodes.values()
