@@ -397,6 +397,8 @@ def _off(gram: Array, sizes: Array, p: int) -> tuple[Array, int]:
 
 def _explained(H: Array, b: Array) -> tuple[float, int]:
     """Return the sum of squares that columns explain, by their products, and how many they are."""
+    if len(b) == 1:
+        return float(b[0] ** 2 / H[0, 0]), 1
     unit = np.sqrt(H.diagonal())
     squares, directions = np.linalg.eigh(H / np.outer(unit, unit))
     kept = squares > _RANK_TOL * squares[-1]

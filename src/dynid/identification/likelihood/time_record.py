@@ -77,6 +77,7 @@ class TimeRecord(RecordLikelihood):
     left_out: KnownSamples = NONE_LEFT_OUT
     recorded: RecordData | None = None  # the record with them; None where there are none
     _last: dict[bytes, Prediction] = field(default_factory=dict, init=False, repr=False)
+    _shared: dict[bytes, Regressors] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, model: ParametricModel, data: RecordData, experiment: Experiment, sharing: int = 1) -> Self:
@@ -407,7 +408,14 @@ class TimeRecord(RecordLikelihood):
         if max_count not in forced:
             inputs = [self.model.inputs(order) for order in (0, 1)]
             forced[max_count] = forced_regressors(self.model.signals, inputs, times, max_count)
-        return regressors_in_time(forced[max_count], self.model.poles(fit.eta), times, max_count)
+        key = fit.eta.tobytes()
+        if key not in self._shared:
+            shared = regressors_in_time(forced[max_count], self.model.poles(fit.eta), times, max_count)
+            self._shared.clear()
+            if shared.values.size > _MAX_KEPT_NUMBERS:
+                return shared
+            self._shared[key] = shared
+        return self._shared[key]
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
