@@ -198,10 +198,10 @@ class _Loops:
 
     def _gains(self, loop: int, grid: Array) -> list[LoopValue]:
         found = []
-        L = self._gain(loop, grid)
-        crossings = np.flatnonzero(np.sign(L[1:].imag) * np.sign(L[:-1].imag) < 0)
-        crossings = crossings[(L[crossings].real < 0) | (L[crossings + 1].real < 0)]
-        crossings = crossings[np.argsort(-np.abs(L[crossings]))][:_MOST_CANDIDATES]
+        gains = self._gain(loop, grid)
+        crossings = np.flatnonzero(np.sign(gains[1:].imag) * np.sign(gains[:-1].imag) < 0)
+        crossings = crossings[(gains[crossings].real < 0) | (gains[crossings + 1].real < 0)]
+        crossings = crossings[np.argsort(-np.abs(gains[crossings]))][:_MOST_CANDIDATES]
         roots = [self._roots(lambda at: self._gain(loop, at).imag, grid[k : k + 2]) for k in crossings]
         for omega in chain.from_iterable(roots):
             L, rate, slopes = self._derivatives(loop, omega)
@@ -216,7 +216,7 @@ class _Loops:
         def rate(at: Array) -> Array:
             terms = [self._derivatives(loop, omega) for omega in at.tolist()]
             L, by_omega, _ = (np.array(column) for column in zip(*terms, strict=True))
-            return self._logarithmic(L, by_omega).real
+            return np.asarray(self._logarithmic(L, by_omega).real)
 
         L = self._gain(loop, grid)
         size = np.abs((L if self._complementary else 1) / (1 + L))
@@ -247,4 +247,5 @@ class _Loops:
         def at(omega: float) -> float:
             return float(function(np.array([omega]))[0])
 
-        return [brentq(at, *grid[k : k + 2], xtol=1e-300, rtol=1e-14) for k in changes.tolist()]
+        ends = grid.tolist()
+        return [brentq(at, ends[k], ends[k + 1], xtol=1e-300, rtol=1e-14) for k in changes.tolist()]

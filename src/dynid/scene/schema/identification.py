@@ -21,7 +21,7 @@ from dynid.scene.schema.base import (
     accuracy_faults,
 )
 from dynid.scene.schema.graph_variables import stored_energy_faults
-from dynid.scene.schema.joints import JointModel, LawParameterModel, ParameterModel
+from dynid.scene.schema.joints import JointModel, LawParameterModel, ParameterModel, joint_parameters
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
 from dynid.scene.schema.parts import PartModel, PartName, PointModel
 from dynid.scene.schema.quantities import (
@@ -383,8 +383,7 @@ class IdentificationScene(ComposedScene):
             return
         unknowns: dict[Path, DefinedParameter | ParameterModel | LawParameterModel] = {
             path: parameter
-            for kind in (ParameterModel, LawParameterModel)
-            for path, parameter in sections(self.joints, kind, ("joints",))
+            for path, parameter in joint_parameters(self.joints, ("joints",))
             if parameter.start is not None
         }
         unknowns |= {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
@@ -20,7 +20,7 @@ from dynid.scene.schema.quantities import (
     fault,
     raise_faults,
 )
-from dynid.scene.schema.references import Later
+from dynid.scene.schema.references import Later, Path, sections
 from dynid.scene.schema.structure import Direction, LinkModel, loss_factor
 
 
@@ -204,6 +204,14 @@ class LawParameterModel(Section):
         """The numbers that it states, by key."""
         stated = {key: getattr(self, key) for key in ("start", "value", "true", "min", "max")}
         return {key: float(number) for key, number in stated.items() if number is not None}
+
+
+def joint_parameters(
+    holder: Any, path: Path = ()
+) -> Iterator[tuple[Path, ParameterModel | LawParameterModel]]:
+    """Yield the parameters of joints and of their laws within a section, each with its path."""
+    yield from sections(holder, ParameterModel, path)
+    yield from sections(holder, LawParameterModel, path)
 
 
 LawValue = Annotated[

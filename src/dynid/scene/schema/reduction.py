@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
@@ -20,7 +20,7 @@ from dynid.scene.schema.base import (
     by_form,
     once,
 )
-from dynid.scene.schema.joints import JointModel, LawParameterModel, ParameterModel
+from dynid.scene.schema.joints import JointModel, joint_parameters
 from dynid.scene.schema.measurement import ChannelModel, OutputModel
 from dynid.scene.schema.quantities import AT_KEY, Located, NotNegative, Positive, fault, raise_faults
 from dynid.scene.schema.references import dof_faults, sections
@@ -208,9 +208,7 @@ class ReductionScene(SceneModel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         message = "the joints of a comparison are known: give a 'value', or the number alone"
-        parameters: Iterable[tuple[tuple[str | int, ...], ParameterModel | LawParameterModel]]
-        parameters = (*sections(self, ParameterModel), *sections(self, LawParameterModel))
-        started = (path for path, parameter in parameters if parameter.start is not None)
+        started = (path for path, parameter in joint_parameters(self) if parameter.start is not None)
         unknown = [((*path, "start", AT_KEY), message) for path in started]
         raise_faults([*structure_faults(self, self.structure), *unknown, *accuracy_faults(self)])
         return self

@@ -268,7 +268,8 @@ def _readouts(H: Array, G: Array, parts: Array) -> Array:
     terms = [H]
     while np.abs(terms[-1]).max(initial=0.0) > 0 and len(terms) < _MAX_SERIES_TERMS:
         terms.append(terms[-1] @ G / len(terms))
-    return np.einsum("tk,kus->tus", np.vander(parts, len(terms), increasing=True), np.array(terms))
+    powers = np.vander(parts, len(terms), increasing=True)
+    return np.asarray(np.einsum("tk,kus->tus", powers, np.array(terms)))
 
 
 def load_points() -> Array:
