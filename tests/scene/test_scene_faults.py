@@ -120,12 +120,12 @@ def test_a_misspelt_key_is_named_once_with_the_key_that_is_meant(kind, path):
         ("[]", "1:1: a scene is a mapping; it starts with 'dynid: 1' and 'kind: …'"),
         (
             "dynid: 1\n",
-            "1:1: a scene needs the key 'kind': bond-graph, identification, reduction, synthesis, study",
+            "1:1: a scene needs the key 'kind': bond-graph, identification, reduction, synthesis, modal-analysis, study",
         ),
         (
             "dynid: 1\nkind: bondgraph\n",
             "2:7: unknown kind 'bondgraph'; it is one of bond-graph, identification, reduction, synthesis, "
-            "study; did you mean 'bond-graph'?",
+            "modal-analysis, study; did you mean 'bond-graph'?",
         ),
     ],
 )

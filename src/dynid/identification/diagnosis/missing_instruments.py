@@ -113,7 +113,8 @@ def _has_filters(record: Any) -> bool:
     model = getattr(record.system_model, "model", None)
     if getattr(model, "nonlinear", False):  # whose laws no linear system has
         return True
-    return any(getattr(channel, "channel", channel).filters for channel in record.channels)
+    channels: Any = record.channels
+    return any(getattr(channel, "channel", channel).filters for channel in channels)
 
 
 def _candidates(plain: Likelihood) -> Iterator[_Candidate]:

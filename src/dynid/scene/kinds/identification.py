@@ -159,7 +159,7 @@ def setting(
 def with_sensors(model: IdentificationScene, structure: StructuralModel) -> StructuralModel:
     """Return a structure under test with the masses of its sensors."""
     sensors = model.measurement.sensors if model.measurement is not None else []
-    masses = {sensor.dof: sensor.mass.real for sensor in sensors if sensor.mass is not None}
+    masses = {sensor.dof: sensor.mass.real for sensor in sensors if sensor.mass and sensor.dof is not None}
     if not masses:
         return structure
     from dynid.structure.sensor_masses import with_sensor_masses
