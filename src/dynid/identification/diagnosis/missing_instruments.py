@@ -101,8 +101,8 @@ def missing_instruments(plain: Likelihood, etas: Sequence[Array]) -> list[str]:
                 continue
             if before - value > LEAST_GAIN + GAIN_EACH and not compare_models(other, fit).lacks_fit:
                 deviation = float(other.information(fit, other.likeliest(fit)).deviations()[-1])
-                size = math.exp(float(fit.eta[-1]))
-                best = value, candidate.text(size, size * deviation)
+                unknown = math.exp(float(fit.eta[-1]))
+                best = value, candidate.text(unknown, unknown * deviation)
     return [] if best is None else [best[1]]
 
 
