@@ -120,7 +120,8 @@ def test_a_misspelt_key_is_named_once_with_the_key_that_is_meant(kind, path):
         ("[]", "1:1: a scene is a mapping; it starts with 'dynid: 1' and 'kind: …'"),
         (
             "dynid: 1\n",
-            "1:1: a scene needs the key 'kind': bond-graph, identification, reduction, synthesis, modal-analysis, study",
+            "1:1: a scene needs the key 'kind': bond-graph, identification, reduction, synthesis, "
+            "modal-analysis, study",
         ),
         (
             "dynid: 1\nkind: bondgraph\n",
