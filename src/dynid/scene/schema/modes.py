@@ -112,7 +112,12 @@ class MeasuredModesModel(Section):
 
     unit: Literal["rad/s", "Hz"] | None = None
     values: list[ModeModel] = []
-    file: Annotated[ModesFileModel, BeforeValidator(path_alone)] | None = None
+    file: (
+        Annotated[
+            ModesFileModel, BeforeValidator(path_alone, json_schema_input_type=ModesFileModel | FilePath)
+        ]
+        | None
+    ) = None
     sensors: list[SignedDof] | SensorFileModel | None = None
     match: MatchModel | None = None
     floor: ScatterModel = ScatterModel()
