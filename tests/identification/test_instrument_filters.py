@@ -22,9 +22,9 @@ from dynid.lti.filters import Filter
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
 from dynid.structure.frame import beam
+from dynid.structure.joint_laws import Cubic
 from dynid.structure.joints import JointParameter
-from dynid.structure.nonlinear.laws import Cubic
-from dynid.structure.nonlinear.model_laws import joint_law
+from dynid.structure.model_laws import joint_law
 from dynid.structure.ports import Channel, Load
 from dynid.structure.sensor_masses import with_sensor_masses
 from tests.identification.cases import diagnostic, parameter

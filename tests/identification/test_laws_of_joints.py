@@ -16,10 +16,10 @@ from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
+from dynid.structure.joint_laws import Cubic, Gap, Jenkins
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.nonlinear.laws import Cubic, Gap, Jenkins
-from dynid.structure.nonlinear.model_laws import joint_law
+from dynid.structure.model_laws import joint_law
 from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter
 

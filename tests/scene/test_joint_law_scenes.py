@@ -7,7 +7,7 @@ import dynid
 from dynid.errors import SceneError, UsageError
 from dynid.scene.kinds.parts import structure_of
 from dynid.scene.load import load_scene
-from dynid.structure.nonlinear.laws import LAWS
+from dynid.structure.joint_laws import LAWS
 
 BODY = """
 dynid: 1

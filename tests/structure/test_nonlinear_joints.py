@@ -10,9 +10,7 @@ from dynid.errors import NumericalError, UsageError
 from dynid.lti.generator import RecordTimes
 from dynid.lti.signals import signal
 from dynid.lti.timeline import timeline
-from dynid.structure.joints import Joint, JointParameter
-from dynid.structure.lumped import Link, lumped
-from dynid.structure.nonlinear.laws import (
+from dynid.structure.joint_laws import (
     BoucWen,
     BoundLaw,
     Cubic,
@@ -22,8 +20,10 @@ from dynid.structure.nonlinear.laws import (
     Power,
     QuadraticDamping,
 )
+from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.lumped import Link, lumped
+from dynid.structure.model_laws import joint_law
 from dynid.structure.nonlinear.march import Columns, LinearRest, Steps, march
-from dynid.structure.nonlinear.model_laws import joint_law
 from dynid.structure.ports import Channel, Load
 from dynid.structure.response import time_response
 

@@ -38,6 +38,7 @@ from dynid.lti.stability import Verdict, combined, no_solution, verdict
 
 if TYPE_CHECKING:
     from dynid.arithmetic.real_field import RealField
+    from dynid.lti.margins import Margins
 
 #: Ratios of delays that are fractions of small numbers but for the rounding of irrational ones (320 bits).
 _RATIO_DENOMINATOR, _RATIO_ROUNDING = 1000, Fraction(1, 2**300)
@@ -196,6 +197,20 @@ class CutLoops:
             return coprime(above, below)
         shared = common_factor([above, below])
         return above.over(shared), below.over(shared)
+
+    def margins(self, above: QuasiPolynomial, below: QuasiPolynomial) -> Margins:
+        """Return the margins of a loop from its L, the others closed (`loop`)."""
+        from dynid.lti.delay_margins import SEARCH, delay_margins
+        from dynid.lti.margins import margins
+
+        if above.is_rational and below.is_rational:
+            (bottom,) = below.terms.values()
+            return margins(above.terms.get(Fraction(0), 0 * bottom), bottom)
+        above, below = rounded([above, below])
+        closed = above + below
+        alike = closed.products == rounded([self.closed])[0].products
+        verdict = self.shown if alike else stability(self.paired(closed), self.work)
+        return delay_margins(above, below, verdict, SEARCH // len(self.loops))
 
     @cached_property
     def closed(self) -> QuasiPolynomial:

@@ -222,7 +222,7 @@ class StructuralModel(NamedDofs):
         """The unknown parameters of nonlinear laws, joint by joint, law by law."""
         if not self.nonlinear:
             return ()
-        from dynid.structure.nonlinear.model_laws import law_unknowns
+        from dynid.structure.model_laws import law_unknowns
 
         return law_unknowns(self.joints, self.kind)
 
@@ -329,7 +329,7 @@ class StructuralModel(NamedDofs):
                 pattern, key = self._pattern(joint, value * block, letter), letter.upper()
                 sums[key] = pattern if sums[key] is None else sums[key] + pattern
         if self.nonlinear:
-            from dynid.structure.nonlinear.model_laws import tangents
+            from dynid.structure.model_laws import tangents
 
             for joint, by_letter in tangents(self.joints, parameter_values):
                 for letter, tangent in by_letter.items():
@@ -371,7 +371,7 @@ class StructuralModel(NamedDofs):
         for part in self.modal:
             parts += [(name, "C", self._stored(change)) for name, change in part.slopes(values).items()]
         if self.nonlinear:
-            from dynid.structure.nonlinear.model_laws import tangent_slopes
+            from dynid.structure.model_laws import tangent_slopes
 
             references = {parameter.name: parameter.start for parameter in self.unknowns}
             parts += [

@@ -78,7 +78,6 @@ class LoopMargins:
     ) -> bool:
         """Test whether the closed loops are stable and margins are these, by counts that miss nothing."""
         from dynid.bondgraph.cut_loops import CutLoops
-        from dynid.bondgraph.results.margin_results import exact_margins
 
         def number(item: Any) -> Any:
             return reference(item.referred(values)) if isinstance(item, Dependent) else item
@@ -100,7 +99,7 @@ class LoopMargins:
         if not cut.verdict().stable:
             return False
         for target, value in zip(targets, reached, strict=True):
-            margins = exact_margins(*cut.loop(target.loop), cut)
+            margins = cut.margins(*cut.loop(target.loop))
             exact = float(getattr(margins, target.margin))
             if not abs(exact - value) <= _SAME_RTOL * abs(value):
                 return False

@@ -23,10 +23,8 @@ from dynid.bondgraph.results.system import add_system
 from dynid.errors import Undecided
 from dynid.lti.axis_boxes import Work
 from dynid.lti.certified_roots import certified_roots, repeated, root_balls
-from dynid.lti.delay_margins import SEARCH, delay_margins
-from dynid.lti.delay_stability import stability
 from dynid.lti.enclosures import EVALUATIONS
-from dynid.lti.margins import CHANGES, Margins, margins
+from dynid.lti.margins import CHANGES, Margins
 from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, continuous_phase, on_axis
 from dynid.lti.stability import Verdict
 from dynid.number_format import counted, roots_text
@@ -127,7 +125,7 @@ def _within_limit(
                 f"polynomials, more than {ROOTS}; those of the first {first} are computed"
             )
             return loop_margins + [_left_out(reason, system)] * (len(functions) - len(loop_margins))
-        loop_margins.append(_with_hidden(exact_margins(*loop, cut), hidden))
+        loop_margins.append(_with_hidden(cut.margins(*loop), hidden))
     return loop_margins
 
 
@@ -137,18 +135,6 @@ def _left_out(reason: str, system: Verdict) -> Margins:
     numbers["unstable_poles"] = 0.0 if system.stable else math.inf
     verdict = "stable: the whole system is" if system.stable else f"undecided: {reason}"
     return Margins(system.stable, verdict, **numbers, undecided=reason)
-
-
-def exact_margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops) -> Margins:
-    """Return the margins of a loop from its L, the others closed (`CutLoops.loop`)."""
-    if above.is_rational and below.is_rational:
-        (bottom,) = below.terms.values()
-        return margins(above.terms.get(Fraction(0), 0 * bottom), bottom)
-    above, below = rounded([above, below])
-    closed = above + below
-    alike = closed.products == rounded([cut.closed])[0].products
-    verdict = cut.shown if alike else stability(cut.paired(closed), cut.work)
-    return delay_margins(above, below, verdict, SEARCH // len(cut.loops))
 
 
 def _with_hidden(loop_margins: Margins, hidden: Any) -> Margins:

@@ -13,7 +13,7 @@ import numpy as np
 from dynid.identification.likelihood.nonlinear_record import NonlinearRecord
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.number_format import short_percent
-from dynid.structure.nonlinear.laws import Gap, Jenkins
+from dynid.structure.joint_laws import Gap, Jenkins
 
 
 def idle_laws(record: RecordLikelihood, fit: RecordFit) -> Iterator[str]:

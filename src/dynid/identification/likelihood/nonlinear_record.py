@@ -30,7 +30,7 @@ from dynid.identification.systems.nonlinear_prediction import (
 from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.identification.systems.prediction import Prediction, Trajectory
 from dynid.identification.systems.structure_system import StructureSystem
-from dynid.structure.nonlinear.laws import BoundLaw
+from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.nonlinear.tables import Refine
 
 # Most steps to the first state, and the change of the sum of squares, relative, below which one is the last.

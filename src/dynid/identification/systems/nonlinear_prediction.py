@@ -32,10 +32,10 @@ from dynid.lti.exponential import rescaled
 from dynid.lti.state_space import Matrices
 from dynid.parameters import named, rates
 from dynid.structure.excitation import drive
+from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.matrices import as_array
-from dynid.structure.nonlinear.laws import BoundLaw
+from dynid.structure.model_laws import ModelLaw, model_laws
 from dynid.structure.nonlinear.march import accurate_march, march
-from dynid.structure.nonlinear.model_laws import ModelLaw, model_laws
 from dynid.structure.nonlinear.tables import Columns, LinearRest, Steps
 
 # Singular values of what parameters act on below this part of the largest are round-off.

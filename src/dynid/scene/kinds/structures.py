@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from dynid.result import Result
     from dynid.scene.load import Scene
     from dynid.structure.damping import ModalDamping, ProportionalDamping
+    from dynid.structure.joint_laws import Law
     from dynid.structure.model import StructuralModel
-    from dynid.structure.nonlinear.laws import Law
 
 
 def build_structure(
@@ -91,8 +91,8 @@ def joint_laws(name: str, joint: JointModel, component: str | None = None) -> tu
     Raises `UsageError` if their values make no sense.
     """
     from dynid.arithmetic.expression import parse
-    from dynid.structure.nonlinear.laws import LAWS, ExpressionLaw
-    from dynid.structure.nonlinear.model_laws import joint_law
+    from dynid.structure.joint_laws import LAWS, ExpressionLaw
+    from dynid.structure.model_laws import joint_law
 
     laws = []
     for index, model in enumerate(joint.laws):

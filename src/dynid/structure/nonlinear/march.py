@@ -24,7 +24,7 @@ from dynid.arrays import Array
 from dynid.errors import NumericalError
 from dynid.lti.timeline import Timeline
 from dynid.native import compiled
-from dynid.structure.nonlinear.laws import BoundLaw, Slopes
+from dynid.structure.joint_laws import BoundLaw, Slopes
 from dynid.structure.nonlinear.tables import (
     NODES,
     SCAN,

@@ -17,10 +17,10 @@ from dynid.lti.timeline import timeline
 from dynid.lti.waveforms import sum_lines
 from dynid.result import Result
 from dynid.structure.excitation import Excitation
+from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.model import StructuralModel
-from dynid.structure.nonlinear.laws import BoundLaw
+from dynid.structure.model_laws import model_laws
 from dynid.structure.nonlinear.march import Accuracy, accurate_march
-from dynid.structure.nonlinear.model_laws import model_laws
 from dynid.structure.nonlinear.tables import LinearRest, Motion
 from dynid.structure.state_space import massless_motion
 

@@ -14,7 +14,7 @@ from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
 from dynid.lti.exponential import exponential
 from dynid.lti.timeline import Timeline
-from dynid.structure.nonlinear.laws import BoundLaw
+from dynid.structure.joint_laws import BoundLaw
 
 #: Lobatto nodes of a step.
 NODES = 5
