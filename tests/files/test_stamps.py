@@ -93,8 +93,9 @@ def test_resampling_interpolates_at_even_times(written):
     times = 0.01 * np.delete(np.arange(400), [50, 51, 200]) + 2e-3 * generator.uniform(-1, 1, 397)
     times[0] = 0.0
     path, layout = written(times, np.sin(9 * times), "%.9f"), TableLayout(resample=True)
-    values, _ = read_measured.read_signal(path, None, step=0.01, layout=layout)
+    values, _, first = read_measured.read_signal(path, None, step=0.01, layout=layout)
     np.testing.assert_allclose(values, np.sin(9 * 0.01 * np.arange(len(values))), atol=1e-4)
+    assert first == 0
     assert 399 <= len(values) <= 400
     found = read_measured.read_columns(path, None, step=0.01, layout=layout).values
     np.testing.assert_array_equal(found[:, 0], values)

@@ -55,7 +55,12 @@ CLAMPS = ", ".join(f"{{node: {k}, fix: [w, theta]}}" for k in range(1, 6))
     ("text", "right", "wrong", "fault"),
     [
         (BEAM, "{beta: 0.0}", "{beta: 0, ratio: 0.01}", "12:14: damping is either proportional ('alpha',"),
-        (BEAM, "{beta: 0.0}", "{}", "12:14: damping is either proportional ('alpha', 'beta') or modal"),
+        (
+            BEAM,
+            "{beta: 0.0}",
+            "{}",
+            "12:14: damping is either proportional ('alpha', 'beta', 'eta') or modal",
+        ),
         (BEAM, ", m: 0.5", "", "11:14: a mass has its 'm', a rotary inertia 'J', or both"),
         (BEAM, ", k: 25, c: 3", "", "10:15: a spring has a stiffness 'k', a damping 'c', or both"),
         (BEAM, "{node: 5, m", "{node: 6, m", "11:21: there is no node 6; there are 5"),

@@ -42,9 +42,9 @@ def test_the_scene_of_these_tests_is_valid():
         (
             "type: TF",
             "type: L",
-            "4:78: unknown node type 'L'; it is one of Se, Sf, I, C, R, TF, GY, 0, 1, structure",
+            "4:78: unknown node type 'L'; it is one of Se, Sf, I, C, R, TF, GY, 0, 1, TL, structure",
         ),
-        ("type: TF", "type: 1.5", "4:78: a node type is one of Se, Sf, I, C, R, TF, GY, 0, 1, structure"),
+        ("type: TF", "type: 1.5", "4:78: a node type is one of Se, Sf, I, C, R, TF, GY, 0, 1, TL, structure"),
         (", value: 3", "", "4:71: TF needs its modulus n: write {type: TF, value: …}"),
         ("value: 3", "value: 0", "4:71: the modulus of a TF cannot be zero"),
         (", value: 2", "", "4:21: I needs its value: write {type: I, value: …}"),

@@ -386,7 +386,7 @@ OF_DATA = {
     *("identification/rejected", "identification/equivalent_optima", "identification/first_pass"),
     "identification/identifiability/interchangeable",
     *("identification/modes/directions", "identification/modes/trade_off/frequencies"),
-    "identification/modes/trade_off/shapes",
+    *("identification/modes/trade_off/shapes", "structure/complex_modes"),  # a stiffness may be complex
 }
 #: Derived quantities that nobody requests are left out of large systems and of what is not converged.
 DERIVED = "identification/derived"

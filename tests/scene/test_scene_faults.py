@@ -264,7 +264,7 @@ def test_the_command_line_sets_values_before_anything_is_checked():
     assert [str(fault) for fault in caught.value.faults] == [
         "--set analysis.frequency.points:1:1: 'points' must be a whole number, not 1000000000000.0",
         "--set graph.nodes.b.type:1:1: unknown node type 'Q'; it is one of Se, Sf, I, C, R, TF, GY, 0, 1, "
-        "structure",
+        "TL, structure",
     ]
 
 

@@ -109,7 +109,8 @@ class Assembly:
         for spring in springs:
             self._point("K", spring.direction, spring.node, spring.k)
             self._point("C", spring.direction, spring.node, spring.c)
-            self._point("H", spring.direction, spring.node, spring.k * spring.eta)
+            if spring.eta:
+                self._point("H", spring.direction, spring.node, spring.k * spring.eta)
 
     def _point(self, letter: str, direction: str, node: int, value: Real) -> None:
         if letter == "M" or not isinstance(value, Dependent):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
-from dynid.errors import Diverged, DynidError, NotIdentifiable
+from dynid.errors import Diverged, DynidError, NotIdentifiable, NumericalError
 from dynid.identification.diagnosis.calibration import CalibrationSlopes, calibration_slopes
 from dynid.identification.diagnosis.limited_posterior import LimitedPosterior
 from dynid.identification.diagnosis.profile import Profile
@@ -559,7 +559,10 @@ class Posterior:
             return None
         from dynid.identification.likelihood.nonlinearity import nonlinearity  # of records of time alone
 
-        return nonlinearity(self.likelihood, self.fit, white=not is_coloured(self.whiteness_p))
+        try:
+            return nonlinearity(self.likelihood, self.fit, white=not is_coloured(self.whiteness_p))
+        except (FloatingPointError, NumericalError):  # numbers near the ends of double precision say nothing
+            return None
 
     @property
     def robust(self) -> bool:

@@ -473,7 +473,7 @@ def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> Li
     else:
         system = model.system(loads, channels)
     system.considered = tuple(parameter for parameter in model.parameters if parameter.std is not None)
-    if any(channel.filters for channel in channels):
+    if any(getattr(channel, "filters", ()) for channel in channels):
         from dynid.identification.systems.filtered_system import FilteredSystem, filters_of, not_nonlinear
 
         if isinstance(model, StructuralModel) and model.nonlinear:

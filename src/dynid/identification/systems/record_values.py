@@ -112,7 +112,7 @@ def _ideally_simulated(
     truth = model.true_values()
     driven, matrices = drive(model, loads, channels, truth), model.dense(truth)
     motion = starting_state(model, loads, source.displacement, source.velocity)
-    filtered = any(channel.filters for channel in channels)
+    filtered = any(getattr(channel, "filters", ()) for channel in channels)
     if model.nonlinear:
         from dynid.structure.nonlinear.response import nonlinear_response
 
@@ -144,7 +144,7 @@ def true_states(
     if not isinstance(measurement.source, Simulation):
         return None
     states = simulated(truth, loads, measurement).states
-    filters = sum(item.order for channel in measurement.channels for item in channel.filters)
+    filters = sum(item.order for channel in measurement.channels for item in getattr(channel, "filters", ()))
     states, of_filters = states[:, : states.shape[1] - filters], states[:, states.shape[1] - filters :]
     if not isinstance(truth, StructuralModel) or not isinstance(model, StructuralModel):
         return np.concatenate([states, of_filters], axis=1)

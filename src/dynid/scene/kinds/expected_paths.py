@@ -32,7 +32,11 @@ from dynid.scene.kinds.result_layout import (
     names_in,
     pattern_of,
 )
+from dynid.scene.schema.base import Section
+from dynid.scene.schema.joints import JointModel
 from dynid.scene.schema.measurement import NoiseModel
+from dynid.scene.schema.references import sections
+from dynid.scene.schema.structure import DampingModel, MatricesModel
 from dynid.scene.schema.study import StudyScene, paths_of
 from dynid.suggestions import did_you_mean, shortened
 
@@ -88,9 +92,14 @@ _NEEDS: dict[str, tuple[str, str]] = {
             ("margins", "margins"),
             ("sensitivity_functions", "sensitivity functions"),
             ("root_locus", "root locus"),
-            ("sampled", "sampled loops"),
         )
     },
+    "bond_graph/sampled": ("sample", "no loop is sampled; state the 'sample' of its controller"),
+    "structure/joints": ("joint laws", "'joints' come with nonlinear 'laws' of joints"),
+    "structure/damping": ("equivalent", "'damping' comes with its 'equivalent'"),
+    "structure/complex_modes": ("loss factors", "'complex_modes' come with loss factors 'eta'"),
+    "identification/nonlinearity": ("joints in time", "'nonlinearity' is of joints and records of time"),
+    "identification/joints": ("joint laws", "'joints' come with nonlinear 'laws' of joints"),
     "bond_graph/port": (
         "analysis.port",
         "'port' needs the bond at which the graph is cut; name it in 'analysis.port'",
@@ -251,6 +260,19 @@ def _has(model: Any, key: str) -> bool:
         case "laws":
             nodes = model.graph.nodes.values()
             return getattr(model, "operating_point", None) is not None or any(map(has_law, nodes))
+        case "sample":
+            loops = model.control.loops if getattr(model, "control", None) is not None else ()
+            return any(loop.controller.sample is not None for loop in loops)
+        case "joint laws":
+            return any(joint.laws for _, joint in sections(model, JointModel))
+        case "loss factors":
+            files = list(sections(model, MatricesModel))  # which may have complex stiffnesses
+            return bool(files) or any(getattr(part, "eta", None) for _, part in sections(model, Section))
+        case "joints in time":
+            timed = model.measurement is not None and any(not record.frf for record in model.measurement.each)
+            return timed and model.graph is None and not model.measurement.modes_alone
+        case "equivalent":
+            return any(damping.equivalent for _, damping in sections(model, DampingModel))
         case "huber":
             return bool(model.estimator.loss == "huber")
         case "noise":

@@ -169,6 +169,7 @@ LAYOUT: dict[str, str] = {
     "identification/noise": (
         "kind channel ratio order lag coefficients innovation deviation tried bic other correlation"
     ),
+    "identification/nonlinearity": "joint term p size joint_p nonlinear_p verdict nonlinear",
     "identification/history": _HISTORY,
     "identification/first_pass": _HISTORY,
     "identification/states": ("time component unit estimate standard_deviation true samples stored_every"),
