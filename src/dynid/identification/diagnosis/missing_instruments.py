@@ -39,7 +39,7 @@ from dynid.structure.ports import Channel
 from dynid.structure.sensor_masses import with_sensor_masses
 
 # Corners that are tried, from the first to the last frequency of the data.
-_CORNERS = 9
+_CORNERS = 5
 # Shapes and orders of filters that are tried: those of usual couplings and anti-alias filters.
 _FILTERS: tuple[tuple[Kind, Shape, tuple[int, ...]], ...] = (
     ("high_pass", "butterworth", (1, 2, 3, 4)),
