@@ -146,7 +146,8 @@ def test_state_equations_of_a_scene_with_delays_are_a_linear_fractional_form(dyn
         found = loadmat(folder / name)
         inputs = [str(cell[0]) for cell in found["inputs"].ravel()]
     else:
-        found = np.load(folder / name)
+        with np.load(folder / name) as archive:
+            found = dict(archive)
         inputs = found["inputs"].tolist()
     assert inputs == ["u", "w", "act.delayed"]
     s, tau = 0.7j, found["tau"].ravel()
@@ -185,3 +186,33 @@ def test_python_control_has_the_linear_fractional_form():
     system = result.to_control()
     assert system.input_labels == ["u", "w", "act_delayed"]
     assert (system.nstates, result["bond_graph/state_space/delay"].data.tolist()) == (4, [0.3])
+
+
+def test_outputs_that_follow_derivatives_of_inputs_have_their_feedthrough(dynid, folder):
+    """The effort of a mass driven by a velocity is m dv/dt: order 1 of the feedthrough is m."""
+    (folder / "driven.yaml").write_text(
+        "dynid: 1\nkind: bond-graph\ngraph:\n  nodes: {v: Sf, m: {type: I, value: 2.5}}\n"
+        "  bonds: [v -> m]\nanalysis: {outputs: [m.e]}\n"
+    )
+    assert dynid("export", "driven.yaml", "--state-space", "-o", "driven.npz")[0] == 0
+    with np.load(folder / "driven.npz") as archive:
+        assert archive["feedthrough"][1].tolist() == [[2.5]]
+
+
+def test_modes_as_data_sets_55(dynid, folder, beam):  # noqa: ARG001
+    modal = Path(__file__).parents[2] / "data/chain_modal.h5"
+    assert dynid("export", str(modal), "--uff", "-o", "modes.uff")[0] == 0
+    lines = (folder / "modes.uff").read_text().splitlines()
+    result = package.open_result(modal)
+    starts = [k for k, line in enumerate(lines) if line == f"{55:6d}"]
+    assert len(starts) == len(result["modal/frequency"].data)
+    for mode, start in enumerate(starts):
+        assert lines[start - 1] == f"{-1:6d}"
+        real, imaginary = map(float, lines[start + 8].split()[:2])
+        omega, damping = (result[f"modal/{name}"].data[mode] for name in ("frequency", "damping"))
+        assert complex(real, imaginary) == pytest.approx(
+            complex(-damping * omega, omega * np.sqrt(1 - damping**2)), rel=1e-5
+        )
+    code, _, err = dynid("export", "beam.h5", "--uff", "-o", "a.uff")
+    assert code == 2
+    assert "holds no modes of a modal analysis" in err
