@@ -113,7 +113,7 @@ class GapLaw(_LawModel):
     kind: Literal["gap"]
     kg: _PositiveLawValue
     clearance: _LawValueOrZero
-    cg: _LawValueOrZero = LawParameterModel.model_construct(value=Quantity(0))
+    cg: _LawValueOrZero = Field(default_factory=lambda: LawParameterModel.model_construct(value=Quantity(0)))
     side: Literal["both", "positive", "negative"] = "both"
 
 

@@ -44,7 +44,7 @@ class ModalAnalysisScene(SceneModel):
     band: ModalBandModel
     exponential: Positive | None = None
     segment: Positive | None = None
-    modes: ModalOptionsModel = Field(default=ModalOptionsModel.model_construct())
+    modes: ModalOptionsModel = Field(default_factory=ModalOptionsModel)
 
     @model_validator(mode="after")
     def _is_measured(self) -> Self:
