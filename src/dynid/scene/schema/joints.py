@@ -70,6 +70,14 @@ class LawPriorModel(Section):
     relative_deviation: Positive
 
 
+def _start_is_within(parameter: ParameterModel | LawParameterModel) -> None:
+    low, high = (None if bound is None else float(bound) for bound in (parameter.min, parameter.max))
+    if parameter.start is not None and not (
+        (-math.inf if low is None else low) <= float(parameter.start) <= (math.inf if high is None else high)
+    ):
+        raise fault("'start' does not lie between 'min' and 'max'")
+
+
 class ParameterModel(Section):
     """A joint's stiffness or damping, or the factor of its matrix: known (`value`), or unknown (`start`)."""
 
@@ -98,9 +106,7 @@ class ParameterModel(Section):
             raise fault("a known parameter has its 'value'; 'true' belongs beside 'start'")
         if self.start is None and (self.min or self.max or self.prior):
             raise fault("a known parameter has its 'value'; 'min', 'max' and 'prior' belong beside 'start'")
-        low, high = (None if bound is None else float(bound) for bound in (self.min, self.max))
-        if self.start is not None and not (low or 0.0) <= float(self.start) <= (high or math.inf):
-            raise fault("'start' does not lie between 'min' and 'max'")
+        _start_is_within(self)
         return self
 
 
@@ -192,11 +198,7 @@ class LawParameterModel(Section):
             raise fault(
                 "a known parameter has its 'value'; 'true', 'min', 'max' and 'prior' belong beside 'start'"
             )
-        low, high = (None if bound is None else float(bound) for bound in (self.min, self.max))
-        if self.start is not None and not (
-            (-math.inf if low is None else low) <= float(self.start) <= (math.inf if high is None else high)
-        ):
-            raise fault("'start' does not lie between 'min' and 'max'")
+        _start_is_within(self)
         return self
 
     @property
