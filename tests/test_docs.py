@@ -55,8 +55,9 @@ REPLAYED = [
 
 @pytest.mark.parametrize("name", REPLAYED)
 def test_a_page_says_what_is_printed(name, tmp_path, warm):
-    if "pyuff" in PAGES[name]:
-        pytest.importorskip("pyuff", reason="pyuff is an extra")
+    for extra in ("pyuff", "nptdms"):
+        if extra in PAGES[name]:
+            pytest.importorskip(extra, reason=f"{extra} comes with an extra")
     played = replay.Replay(PAGES[name], tmp_path, warm.clients)
     played.run()
     for command, printed, said in played.outputs:

@@ -3,7 +3,6 @@ import math
 import os
 import subprocess
 import sys
-import time
 
 import pytest
 from hypothesis import given, settings
@@ -14,6 +13,7 @@ from dynid.scene.yaml.parser import MAX_CHARACTERS
 from dynid.scene.yaml.source import apply_overrides, parse_source, read_source, set_values
 from dynid.scene.yaml.writer import dump
 from dynid.suggestions import did_you_mean, did_you_mean_path, short_paths
+from tests.work import at_most
 
 
 def faults_of(text):
@@ -397,11 +397,10 @@ def test_without_a_similar_name_the_group_is_listed():
 @pytest.mark.parametrize("names", [70, 300, 800, 20_000])
 def test_a_path_deeper_than_a_scene_is_refused_at_once(names):
     path = ".".join("a" * names)
-    began = time.process_time()
     for change in (lambda s: apply_overrides(s, [f"{path}=1"]), lambda s: set_values(s, {path: 1})):
-        with pytest.raises(SceneError, match=r"a scene is at most 64 deep|nested more than 64 deep"):
+        refusal = r"a scene is at most 64 deep|nested more than 64 deep"
+        with at_most(calls=200_000), pytest.raises(SceneError, match=refusal):
             change(parse_source("b: 1"))
-    assert time.process_time() - began < 1
 
 
 def test_an_override_may_reach_the_greatest_depth_of_a_scene_and_no_more():
