@@ -39,6 +39,8 @@ FILTERS = {
     "anti-aliased": (Filter("low_pass", 350.0, 4),),
     "Bessel": (Filter("low_pass", 250.0, 4, "bessel"),),
     "both": (Filter("high_pass", 15.0, 2), Filter("low_pass", 400.0, 6)),
+    "integrator": (Filter("integrator", 3.0, 2),),
+    "ideal integrator": (Filter("integrator", 0.0),),
 }
 
 
@@ -74,8 +76,8 @@ def test_filters_are_those_of_scipy(kind, shape, order):
     )
     wanted = scipy.signal.freqs_zpk(z, p, k, omega)[1]
     np.testing.assert_allclose(stated.response(omega, 7.0)[0], wanted, atol=1e-12)
-    A, b, c, d = stated.matrices
-    states = [c @ np.linalg.solve(1j * w * np.eye(order) - 7 * A, 7 * b) + d for w in omega]
+    A, b, c, d, *_ = stated.matrices(7.0)
+    states = [c @ np.linalg.solve(1j * w * np.eye(order) - A, b) + d for w in omega]
     np.testing.assert_allclose(states, wanted, atol=1e-11)
     moved = [stated.response(omega, 7.0 + h)[0] for h in (1e-4, -1e-4)]
     np.testing.assert_allclose(stated.response(omega, 7.0)[1], (moved[0] - moved[1]) / 2e-4, atol=1e-8)
@@ -90,6 +92,9 @@ def test_a_record_is_an_independent_simulation_of_structure_and_filter(name):
     into = np.concatenate([np.zeros(5), np.linalg.solve(M, np.eye(5)[4])])
     sections = []
     for item in filters:
+        if item.kind == "integrator":
+            sections.append(scipy.signal.zpk2ss([], [-item.frequency] * item.order, 1.0))
+            continue
         design = scipy.signal.butter if item.shape == "butterworth" else scipy.signal.bessel
         more = {} if item.shape == "butterworth" else {"norm": "mag"}
         btype = item.kind.removesuffix("_pass")
@@ -124,9 +129,13 @@ def test_a_record_is_an_independent_simulation_of_structure_and_filter(name):
 
 def free(start=6.0):
     """The suspension and filters with an unknown corner, and their channels."""
-    parameters = (Parameter("corner", start, true=8.0), Parameter("edge", 300.0, true=350.0))
-    high, low = (Dependent.parameter(item.name, item.start) for item in parameters)
-    filters = (Filter("high_pass", high, 2), Filter("low_pass", low, 3))
+    parameters = (
+        Parameter("corner", start, true=8.0),
+        Parameter("edge", 300.0, true=350.0),
+        Parameter("leak", 5.0, true=4.0),
+    )
+    high, low, leak = (Dependent.parameter(item.name, item.start) for item in parameters)
+    filters = (Filter("integrator", leak, 2), Filter("high_pass", high, 2), Filter("low_pass", low, 3))
     return suspension().with_parameters(parameters), behind(filters)
 
 
@@ -180,9 +189,8 @@ def test_joints_behind_stated_filters_are_found_exactly(name):
 
 def test_unknown_corners_are_estimated():
     model, channels = free()
-    found = identify(
-        model, record(channels, behind((Filter("high_pass", 8.0, 2), Filter("low_pass", 350.0, 3))))
-    )
+    acting = (Filter("integrator", 4.0, 2), Filter("high_pass", 8.0, 2), Filter("low_pass", 350.0, 3))
+    found = identify(model, record(channels, behind(acting)))
     assert diagnostic(found, "converged")
     z = (parameter(found, "estimate") - parameter(found, "true")) / parameter(found, "standard_error")
     assert np.abs(z).max() < 4

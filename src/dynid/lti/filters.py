@@ -1,8 +1,9 @@
-"""Analogue filters of instruments: high-pass and low-pass, Butterworth or Bessel.
+"""Analogue filters of instruments: high-pass and low-pass, Butterworth or Bessel, and integrators.
 
 A low-pass of the corner 1 rad/s has the poles p_k and the gain 1 at 0; a high-pass is it at 1/s, with the
 poles 1/p_k and the gain 1 at high frequencies. At the corner w, the -3 dB point, they are taken at s/w. Poles
-of Bessel filters: W. E. Thomson, Proc. IEE 96-III (1949).
+of Bessel filters: W. E. Thomson, Proc. IEE 96-III (1949). An integrator is (s + w)^-n: below its corner,
+which may be 0, it does not integrate.
 """
 
 from __future__ import annotations
@@ -16,17 +17,19 @@ import numpy as np
 from dynid.arithmetic.dependent import Real
 from dynid.arrays import Array, ComplexArray
 
-Kind = Literal["high_pass", "low_pass"]
+Kind = Literal["high_pass", "low_pass", "integrator"]
 Shape = Literal["butterworth", "bessel"]
 
 
 class FilterMatrices(NamedTuple):
-    """``z' = A z + b y``, output ``c z + d y``, of the corner 1 rad/s; of another one A and b times it."""
+    """``z' = A z + b y``, output ``c z + d y``, and derivatives of A and b by the corner."""
 
     A: Array
     b: Array
     c: Array
     d: float
+    dA: Array
+    db: Array
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,8 @@ class Filter:
     @cached_property
     def poles(self) -> ComplexArray:
         """The poles of the corner 1 rad/s, pairs side by side."""
+        if self.kind == "integrator":
+            return -np.ones(self.order, dtype=complex)
         if self.shape == "bessel":
             from scipy.signal import besselap  # heavy import, of these filters alone
 
@@ -52,9 +57,20 @@ class Filter:
         upper, real = poles[poles.imag > 1e-9], poles[np.abs(poles.imag) <= 1e-9].real
         return np.concatenate([np.stack([upper, upper.conj()], axis=1).ravel(), real])
 
+    def matrices(self, frequency: float) -> FilterMatrices:
+        """Return the matrices at the corner `frequency`, rad/s."""
+        n = self.order
+        if self.kind == "integrator":
+            first, last = np.eye(1, n)[0], np.eye(1, n, n - 1)[0]
+            return FilterMatrices(
+                np.eye(n, k=-1) - frequency * np.eye(n), first, last, 0.0, -np.eye(n), np.zeros(n)
+            )
+        A, b, c, d = self._sections
+        return FilterMatrices(frequency * A, frequency * b, c, d, A, b)
+
     @cached_property
-    def matrices(self) -> FilterMatrices:
-        """The matrices of the corner 1 rad/s: a cascade of real sections of one or two poles."""
+    def _sections(self) -> tuple[Array, Array, Array, float]:
+        """The matrices A, b, c, d of the corner 1 rad/s: a cascade of real sections of one or two poles."""
         n, high = self.order, self.kind == "high_pass"
         A, b, c, d = np.zeros((n, n)), np.zeros(n), np.zeros(n), 1.0
         at = 0
@@ -76,10 +92,13 @@ class Filter:
             c = through * c
             c[here], d = out, through * d
             at += size
-        return FilterMatrices(A, b, c, d)
+        return A, b, c, d
 
     def response(self, omega: Array, frequency: float) -> tuple[ComplexArray, ComplexArray]:
         """Return the response at frequencies (L), rad/s, and its derivative by the corner `frequency`."""
+        if self.kind == "integrator":
+            value = (1j * omega + frequency) ** -float(self.order)
+            return value, -self.order * value / (1j * omega + frequency)
         s = 1j * omega / frequency
         factors = s[:, None] - self.poles
         n = self.order

@@ -57,12 +57,18 @@ class Channel(NamedTuple):
     @property
     def unit(self) -> str:
         """Its unit, SI; empty where its DOF may be a translation or a rotation."""
-        return _of_kind(self.kind or _kind(self.dof), *_motion(self.quantity))
+        return _of_kind(self.kind or _kind(self.dof), *_motion(self.recorded))
 
     @property
     def units(self) -> tuple[str, ...]:
         """The units that its label allows, SI: of a label without direction two."""
-        return _allowed(self.dof, *_motion(self.quantity))
+        return _allowed(self.dof, *_motion(self.recorded))
+
+    @property
+    def recorded(self) -> str:
+        """The quantity behind its integrators."""
+        orders = sum(item.order for item in self.filters if item.kind == "integrator")
+        return integrated(self.quantity, orders) if orders else self.quantity
 
     def row(self, model: StructuralModel) -> Array:
         """Return its row of the displacements (n)."""
@@ -124,6 +130,11 @@ class Load(NamedTuple):
     def units(self) -> tuple[str, ...]:
         """The units of its signal that its label allows, SI: of a label without direction two."""
         return _allowed(self.dof, *_motion(self.motion))
+
+
+def integrated(quantity: str, times: int) -> str:
+    """Return what a quantity is after so many integrations, at most a displacement."""
+    return list(UNITS)[max(0, list(UNITS).index(quantity) - times)]
 
 
 def _motion(quantity: str | None) -> tuple[str, str]:

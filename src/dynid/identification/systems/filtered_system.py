@@ -1,12 +1,13 @@
 """A system whose channels pass stated filters of their instruments: its states are extended by theirs.
 
-A filter ``z' = w (a z + b y)``, output ``c z + d y``, of the corner w adds its states to those of the model;
-in frequency its response multiplies the channel's. Corners may depend on parameters: all derivatives are
-exact. Initial states of filters are unknown, as those of the model.
+A filter ``z' = a z + b y``, output ``c z + d y``, adds its states to those of the model; in frequency its
+response multiplies the channel's. Its corner, of which a and b are functions, may depend on parameters: all
+derivatives are exact. Initial states of filters are unknown, as those of the model.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -109,8 +110,8 @@ class FilteredSystem(LinearSystem):
                 remedy="Measure another quantity there, or leave the filter out.",
                 names=("measurement.channels",),
             )
-        a, b, c, d = item.matrices
         corner, slopes = self._corner(item, values)
+        a, b, c, d, by_a, by_b = item.matrices(corner)
         n, m, p = len(A), len(a), len(dA)
 
         def extended(A: Array, B: Array, C: Array, D: Array, moved: Array | None = None) -> Any:
@@ -119,15 +120,13 @@ class FilteredSystem(LinearSystem):
             wide = np.zeros((*lead, n + m, n + m))
             wide[..., :n, :n] = A
             row, direct = C[..., channel, :], D[..., 0, channel, :]
-            into = corner * np.einsum("m,...n->...mn", b, row)
-            inputs = corner * np.einsum("m,...l->...ml", b, direct)
-            inner = np.zeros((*lead, m, m))
-            if moved is None:
-                inner = corner * a
-            else:
-                into = into + moved[:, None, None] * np.outer(b, matrices.C[channel])
-                inputs = inputs + moved[:, None, None] * np.outer(b, matrices.D[0, channel])
-                inner = moved[:, None, None] * a
+            into = np.einsum("m,...n->...mn", b, row)
+            inputs = np.einsum("m,...l->...ml", b, direct)
+            inner = a
+            if moved is not None:
+                into = into + moved[:, None, None] * np.outer(by_b, matrices.C[channel])
+                inputs = inputs + moved[:, None, None] * np.outer(by_b, matrices.D[0, channel])
+                inner = moved[:, None, None] * by_a
             wide[..., n:, :n], wide[..., n:, n:] = into, inner
             output = np.concatenate([C, np.zeros((*C.shape[:-1], m))], axis=-1)
             output[..., channel, :n] = d * row
@@ -161,10 +160,10 @@ class FilteredSystem(LinearSystem):
         root = self.system.prior(self._of_system(values), length)
         reach = self.system.reach(self._of_system(values), length)
         sizes = [
-            reach[channel]
+            reach[channel] * self._amplification(item, values, length) ** k
             for channel, of_channel in enumerate(self.filters)
             for item in of_channel
-            for _ in range(item.order)
+            for k in range(1, item.order + 1)
         ]
         n, m = len(root), len(sizes)
         wide = np.zeros((n + m, root.shape[1] + m))
@@ -172,8 +171,17 @@ class FilteredSystem(LinearSystem):
         return wide
 
     def reach(self, values: Mapping[str, float], length: float) -> Array:
-        """Return the standard deviation of each channel before its filters, which amplify nothing."""
-        return self.system.reach(self._of_system(values), length)
+        """Return the standard deviation of each channel; integrators alone amplify."""
+        reach = self.system.reach(self._of_system(values), length)
+        factors = [
+            math.prod(self._amplification(item, values, length) ** item.order for item in of_channel)
+            for of_channel in self.filters
+        ]
+        return reach * factors
+
+    def _amplification(self, item: Filter, values: Mapping[str, float], length: float) -> float:
+        """Return the time over which a filter integrates, s; 1 of another one."""
+        return 1 / (self._corner(item, values)[0] + 1 / length) if item.kind == "integrator" else 1.0
 
     def prescribed(self, time: float) -> tuple[Array, NDArray[np.bool_]]:
         """Return what loads prescribe of the system's states; of filters nothing."""
@@ -201,6 +209,12 @@ class FilteredSystem(LinearSystem):
         for column, (channel, _) in enumerate(pairs):
             for item in self.filters[channel]:
                 corner, by_parameter = self._corner(item, values)
+                if item.kind == "integrator" and corner == 0 and not omega.all():
+                    raise UsageError(
+                        "the response at 0 of a channel with an integrator is undetermined",
+                        remedy="Leave the line at 0 out, or state the frequency of the integrator.",
+                        names=("measurement.channels",),
+                    )
                 response, slope = item.response(omega, corner)
                 moved[:, column] *= response[:, None]
                 for name, rate in by_parameter.items():
@@ -217,11 +231,10 @@ def filtered_space(space: StateSpace, filters: Filters, values: Mapping[str, flo
     A, B, C, D = space.A, space.B, space.C, space.D
     for channel, of_channel in enumerate(filters):
         for item in of_channel:
-            a, b, c, d = item.matrices
-            corner = evaluated(item.frequency, values).value
+            a, b, c, d, *_ = item.matrices(evaluated(item.frequency, values).value)
             row, direct, m = C[channel], D[channel], len(a)
-            A = np.block([[A, np.zeros((len(A), m))], [corner * np.outer(b, row), corner * a]])
-            B = np.concatenate([B, corner * np.outer(b, direct)])
+            A = np.block([[A, np.zeros((len(A), m))], [np.outer(b, row), a]])
+            B = np.concatenate([B, np.outer(b, direct)])
             C, D = np.pad(C, ((0, 0), (0, m))), D.copy()
             C[channel] = np.concatenate([d * row, c])
             D[channel] = d * direct

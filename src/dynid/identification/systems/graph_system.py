@@ -27,6 +27,7 @@ from dynid.lti.state_space import Matrices, StateSpace
 from dynid.lti.time_response import TimeResponse, propagate
 from dynid.parameters import Parameter, true_values
 from dynid.suggestions import did_you_mean
+from dynid.units import as_factor
 
 if TYPE_CHECKING:
     from dynid.lti.filters import Filter
@@ -197,7 +198,11 @@ class IdentifiedGraph:
             )
         if fault := port_fault({name: node.type for name, node in nodes.items()}, port):
             raise UsageError(fault, names=(str(port), port.node))
-        return GraphChannel(port, self._units.of_output(port), gain, offset, delay, filters)
+        unit = self._units.of_output(port)
+        for item in filters:
+            if item.kind == "integrator" and unit:
+                unit = f"{as_factor(unit)}.s{item.order if item.order > 1 else ''}"
+        return GraphChannel(port, unit, gain, offset, delay, filters)
 
     def system(self, loads: Sequence[SourceLoad], channels: Sequence[GraphChannel]) -> GraphSystem:
         """Return the system from the loads to the channels.

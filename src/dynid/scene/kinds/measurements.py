@@ -271,13 +271,18 @@ def _instrument_of(channel: ChannelModel) -> tuple[Real, Real, Real]:
 
 def _filters_of(channel: ChannelModel) -> tuple[Filter, ...]:
     """Return the stated filters of a channel, in the order in which they act."""
-    stated = {kind: getattr(channel, kind, None) for kind in ("high_pass", "low_pass")}
+    stated = {kind: getattr(channel, kind, None) for kind in ("integrator", "high_pass", "low_pass")}
     if not any(stated.values()):
         return ()
     from dynid.lti.filters import Filter  # of filters alone
 
     return tuple(
-        Filter(kind, angular_factor(item.unit) * item.frequency.real, item.order, item.type)  # type: ignore[arg-type]
+        Filter(
+            kind,  # type: ignore[arg-type]
+            0.0 if item.frequency is None else angular_factor(item.unit) * item.frequency.real,
+            item.order,
+            getattr(item, "type", "butterworth"),
+        )
         for kind, item in stated.items()
         if item is not None
     )

@@ -113,6 +113,17 @@ class FilterModel(Section):
     unit: Literal["rad/s", "Hz"] = "rad/s"
 
 
+_DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+class IntegratorModel(Section):
+    """An integrator of an instrument, 1/(s + 2π frequency)^order."""
+
+    frequency: UncertainPositive | None = None
+    order: int = Field(default=1, ge=1, le=2, strict=True)
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+
 class MeasuredChannelModel(ChannelModel):
     """One sensor of a record, or of a frequency response with its `reference`.
 
@@ -127,6 +138,7 @@ class MeasuredChannelModel(ChannelModel):
     delay: Uncertain | None = None
     high_pass: FilterModel | None = None
     low_pass: FilterModel | None = None
+    integrator: IntegratorModel | None = None
     mass: UncertainNotNegative | None = None
     unit: UnitName | None = None
     sensitivity: SensitivityModel | None = None
@@ -139,11 +151,17 @@ class MeasuredChannelModel(ChannelModel):
             raise fault("the 'mass' of a sensor is at the one 'dof' that it measures")
         if self.reference is not None and self.offset is not None:
             raise fault("a frequency response has no 'offset'")
+        if self.integrator is not None and self.integrator.order > _DERIVATIVES.get(self.quantity or "", 2):
+            raise fault(
+                f"an 'integrator' of order {self.integrator.order} behind a {self.quantity}: state the "
+                "quantity before it, of which it makes a velocity or a displacement"
+            )
         if self.unit is not None and self.quantity is not None and self.sensitivity is None:
-            from dynid.structure.ports import UNITS
+            from dynid.structure.ports import UNITS, integrated
 
-            motion = UNITS[self.quantity]
-            units, what = [motion, motion.replace("m", "rad", 1)], f"the {self.quantity} of this channel"
+            recorded = integrated(self.quantity, 0 if self.integrator is None else self.integrator.order)
+            motion = UNITS[recorded]
+            units, what = [motion, motion.replace("m", "rad", 1)], f"the {recorded} of this channel"
             if self.reference is not None:
                 units = [f"({unit})/{force}" for unit in units for force in ("N", "(N.m)")]
                 what = "this response"
