@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.analysis_request import RESULTS
-from dynid.cli.explained import _received, seconds_text, size_text
+from dynid.cli.check import _received, seconds_text, size_text
 from dynid.cli.screen import section_lines
 from dynid.errors import Singular
 from dynid.report.content.identifiability import identifiability_sections

@@ -3,7 +3,7 @@
 from click.testing import CliRunner
 
 from dynid.cli import cli
-from dynid.scene.model_files import library_names, library_text
+from dynid.scene.models import library_names, library_text
 
 
 def library(*arguments):

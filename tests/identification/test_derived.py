@@ -22,7 +22,7 @@ from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti.root_slopes import Roots
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
-from dynid.report.content.modes import derived_sections, derived_table
+from dynid.report.content.responses import derived_sections, derived_table
 from dynid.result import Result
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source

@@ -14,8 +14,8 @@ from scipy.integrate import solve_ivp
 from dynid import defaults, load_scene, run
 from dynid.errors import Diverged, DynidError
 from dynid.identification.diagnosis.verdict import deciding_text
+from dynid.identification.estimators.auto import in_segments
 from dynid.identification.estimators.multi_start import Search, drawn_starts
-from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
 from dynid.identification.likelihood import time_record
 from dynid.identification.likelihood.priors import Priors

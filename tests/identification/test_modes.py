@@ -472,7 +472,7 @@ def test_expanded_shapes_are_those_of_all_dofs():
 
 def test_frequency_that_the_rest_does_not_replace_has_no_prediction():
     """Two frequencies for two stiffnesses: neither follows from the other; of three one does."""
-    from dynid.report.content.modes import modal_table
+    from dynid.report.content.responses import modal_table
 
     joints = [Joint(name, at, JointParameter(start=900.0)) for name, at in (("a", (1,)), ("b", (1, 2)))]
     model = lumped([1.0, 1.0], [], joints)
@@ -633,7 +633,7 @@ def test_what_the_data_know_better_than_the_priors():
 
 
 def test_the_screen_has_the_first_measured_modes_and_what_they_say():
-    from dynid.report.content.modes import modal_table
+    from dynid.report.content.responses import modal_table
 
     result = identify(chain(), measured(chain(), seed=5))
     screen = "\n".join(lines(result, rows=3))

@@ -10,8 +10,7 @@ from dynid.errors import Diverged, NumericalError, UsageError
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.signals import Multisine, Random, RecordTimes, Step, signal
 from dynid.lti.state_space import StateSpace
-from dynid.lti.time_response import propagate
-from dynid.lti.timeline import timeline
+from dynid.lti.time_response import propagate, timeline
 from dynid.lti.waveforms import sum_lines
 
 OSCILLATOR = StateSpace([[0, 1], [-900.0, -0.6]], [[0], [1]], [[1, 0]], [[0]])

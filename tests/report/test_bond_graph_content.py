@@ -10,7 +10,7 @@ from dynid.bondgraph.analysis_request import RESULTS
 from dynid.cli.screen import summary
 from dynid.report.content import content
 from dynid.report.content.blocks import DefinitionList, NumberedList, Statement, TextTable
-from dynid.report.page.nodes import node
+from dynid.report.page.html import node
 from dynid.result import Result
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source

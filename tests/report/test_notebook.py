@@ -96,7 +96,7 @@ def test_several_subplots_are_an_array_of_rows_and_columns(motor):
 def test_formulas_and_sentences_are_set_as_on_the_page(motor):
     """No power as in Python or with a caret, no bare backticks; a dash for a number that is unknown."""
     from dynid.report.content.blocks import NumberedList, Statement, TextTable, definitions
-    from dynid.report.page.nodes import node
+    from dynid.report.page.html import node
 
     shown = motor._repr_html_()
     assert "**" not in shown

@@ -456,8 +456,7 @@ def test_an_unknown_number_is_a_dash_in_every_table(value, there, on_screen):
     from dynid.number_format import general, time_text
     from dynid.report.content.blocks import TextTable
     from dynid.report.notation import short
-    from dynid.report.page.html import cell_text
-    from dynid.report.page.nodes import node
+    from dynid.report.page.html import cell_text, node
 
     assert cell_text(value) == there
     assert general(value) == on_screen

@@ -626,7 +626,7 @@ def test_each_file_is_read_once_by_whichever_names(tmp_path, monkeypatch, spelli
         files.append(path)
         return read_source(path)
 
-    monkeypatch.setattr("dynid.scene.model_files.read_source", read)
+    monkeypatch.setattr("dynid.scene.models.read_source", read)
     source = composed(read_source(tmp_path / "scene.yaml"))
     assert "x.a" in source.data["graph"]["nodes"]
     assert len(files) == 41

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dynid.scene.doubts import scene_doubts
+from dynid.scene.run import scene_doubts
 from tests.scene.example_scenes import ISOLATOR, JOINTS, check
 
 UNEXPECTING = ISOLATOR.partition("expect:")[0]

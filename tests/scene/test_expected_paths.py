@@ -14,12 +14,11 @@ from dynid.checks.expectations import axis_of
 from dynid.errors import SceneError
 from dynid.lti.margins import Bandwidth, Margins
 from dynid.lti.step_info import StepInfo
-from dynid.scene.doubts import scene_doubts
 from dynid.scene.kinds import bond_graph
 from dynid.scene.kinds.expected_paths import impossible_paths
 from dynid.scene.kinds.result_layout import ATTRIBUTES, LAYOUT, names_in
 from dynid.scene.load import check_source, load_scene, validated
-from dynid.scene.run import run_scene
+from dynid.scene.run import run_scene, scene_doubts
 from dynid.scene.yaml.source import apply_overrides, parse_source
 from tests.scene.example_scenes import ISOLATOR, check
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.scene.model_files import library_names, library_text
+from dynid.scene.models import library_names, library_text
 from dynid.scene.yaml.source import parse_source
 
 POINTS = [0.3 + 0.2j, 4j, 60j, 2 + 700j]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dynid.scene.batch import run_alone, run_batch, why_alone
-from dynid.scene.doubts import scene_doubts
 from dynid.scene.explanations.explanation import explain
 from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
+from dynid.scene.run import scene_doubts
 from dynid.scene.yaml.source import parse_source
 
 BEAM = """

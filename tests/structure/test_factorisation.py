@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from dynid import native
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure import backends
-from dynid.structure.backends import BACKENDS, Factorisation
-from dynid.structure.factorisation import backend_for, factorise
+from dynid.structure.backends import BACKENDS, Factorisation, backend_for, factorise
 from dynid.structure.modes import modes
 from dynid.structure.modes.sparse import eigenvalues_below, negative_eigenvalues
 

@@ -9,10 +9,9 @@ from scipy.linalg import eigh
 
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure.assembly import Support
-from dynid.structure.backends import BACKENDS
-from dynid.structure.factorisation import backend_for
+from dynid.structure.backends import BACKENDS, backend_for
 from dynid.structure.frame import beam
-from dynid.structure.modes import lanczos, modes, remembered_modes
+from dynid.structure.modes import modes, remembered_modes, sparse
 from dynid.structure.modes.sparse import SparseSpectrum
 
 from .pencils import free_string, grid, string
@@ -71,7 +70,7 @@ def test_a_limit_far_below_the_highest_mode_takes_one_sweep(monkeypatch):
     """The elements of a fine beam vibrate 1e7 times as fast as it: seen from there, its modes are one."""
     ends = [Support(1, ("w",)), Support(4001, ("w",))]
     model = beam(4000, length=np.pi, EI=1.0, rhoA=1.0, supports=ends)
-    monkeypatch.setattr(lanczos, "_RESTARTS", 1)
+    monkeypatch.setattr(sparse, "_RESTARTS", 1)
     found = lowest(model.K, model.M, below=182.0)
     exact = np.arange(1.0, 14.0) ** 2
     assert np.all(np.abs(found.omega - exact) <= found.uncertainty)
@@ -142,7 +141,7 @@ def test_runs_give_the_same_bytes_and_signs():
 
 def test_a_mode_that_the_iteration_drops_is_noticed_and_found(monkeypatch):
     K, exact = grid(24)
-    honest, calls = lanczos.largest, []
+    honest, calls = sparse.largest, []
 
     def dropping(solve, M, count, rng, known=None):
         theta, X = honest(solve, M, count, rng, known)
@@ -157,7 +156,7 @@ def test_a_mode_that_the_iteration_drops_is_noticed_and_found(monkeypatch):
 
 def test_modes_that_stay_missing_are_an_error(monkeypatch):
     K, _ = grid(21)
-    honest = lanczos.largest
+    honest = sparse.largest
 
     def dropping(solve, M, count, rng, known=None):  # noqa: ARG001 - what is known is lost again
         theta, X = honest(solve, M, count, rng)

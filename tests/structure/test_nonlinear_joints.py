@@ -9,7 +9,7 @@ from dynid.arithmetic.expression import parse
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.generator import RecordTimes
 from dynid.lti.signals import signal
-from dynid.lti.timeline import timeline
+from dynid.lti.time_response import timeline
 from dynid.structure.joint_laws import (
     BoucWen,
     BoundLaw,

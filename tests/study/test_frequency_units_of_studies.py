@@ -10,7 +10,7 @@ import pytest
 import dynid
 from dynid.cli import main
 from dynid.result import Variable
-from dynid.store.frequencies import in_unit, is_frequency
+from dynid.store.reader import in_unit, is_frequency
 from dynid.units import FrequencyUnit
 
 SCENE = """dynid: 1

@@ -11,8 +11,7 @@ from scipy import stats
 
 from dynid.errors import SceneError, UsageError
 from dynid.scene.load import load_scene
-from dynid.study.designs import correlated, unit_samples
-from dynid.study.plan import as_column, make_plan
+from dynid.study.plan import as_column, correlated, make_plan, unit_samples
 from tests.study.small import SCENE, written
 
 HEAD = "dynid: 1\nkind: study\nscene: mass.yaml\n"

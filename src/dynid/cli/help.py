@@ -59,14 +59,14 @@ def help_(topic: str | None) -> int:
 
 
 @click.command()
-@click.argument("name", required=False, shell_complete=among("dynid.scene.model_files:library_names"))
+@click.argument("name", required=False, shell_complete=among("dynid.scene.models:library_names"))
 def library(name: str | None) -> int:
     """Print the model NAME with its ports, values and source; without NAME, list the models.
 
     A graph has it as a node `{model: NAME}`; to change it, write it to a file and `use:` that file.
     """
     from dynid.cli.text import described
-    from dynid.scene.model_files import library_names, library_text
+    from dynid.scene.models import library_names, library_text
     from dynid.scene.yaml.source import parse_source
 
     if name is not None:

@@ -128,7 +128,7 @@ def run(
 
 def warn_of_doubts(scene: Scene) -> list[str]:
     """Print the doubts about a valid scene on standard error, each at its place; return their messages."""
-    from dynid.scene.doubts import scene_doubts
+    from dynid.scene.run import scene_doubts
 
     faults = scene_doubts(scene)
     for doubt in faults:

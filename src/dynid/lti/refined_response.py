@@ -20,8 +20,7 @@ from dynid.errors import NumericalError
 from dynid.lti.generator import Signal
 from dynid.lti.signals import Random
 from dynid.lti.state_space import StateSpace
-from dynid.lti.time_response import TimeResponse, propagate
-from dynid.lti.timeline import Timeline, timeline
+from dynid.lti.time_response import Timeline, TimeResponse, propagate, timeline
 
 #: Relative changes of an output: up to the first it is accepted, beyond the second an error is raised.
 _TRUSTED_RTOL, _REFUSED_RTOL = 1e-10, 1e-3

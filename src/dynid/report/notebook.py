@@ -30,7 +30,7 @@ from dynid.report.plot import (
 )
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result, Variable
-from dynid.store.frequencies import in_unit
+from dynid.store.reader import in_unit
 from dynid.suggestions import did_you_mean, did_you_mean_path, shortened
 from dynid.units import HERTZ, RADIANS
 
@@ -62,7 +62,7 @@ _SHARE = 0.55
 def html(result: Result) -> str:
     """Return a result as HTML for a notebook: title, method, and each section of its report, folded."""
     from dynid.report.content import content
-    from dynid.report.page.nodes import node, page_sections
+    from dynid.report.page.html import node, page_sections
 
     answer = content(result)
     parts = [f"<p><strong>{escape(result.title or result.kind)}</strong><br>{escape(answer.method)}</p>"]

@@ -14,8 +14,7 @@ from typing import Any
 
 from dynid.arithmetic.expression import renamed
 from dynid.errors import Fault, SceneError
-from dynid.scene.model_faults import Model, copy_values, model_faults
-from dynid.scene.model_files import is_instance, with_models
+from dynid.scene.models import Model, copy_values, is_instance, model_faults, with_models
 from dynid.scene.schema.raw import (
     chain_ends,
     chain_fault,

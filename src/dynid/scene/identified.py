@@ -13,7 +13,7 @@ import yaml
 from dynid.errors import SceneError, UsageError
 from dynid.result import Result
 from dynid.scene.composition import composed
-from dynid.scene.model_files import is_instance
+from dynid.scene.models import is_instance
 from dynid.scene.schema.raw import mapping, written_key
 from dynid.scene.yaml.parser import Path
 from dynid.scene.yaml.source import Source, parse_source

@@ -1,4 +1,4 @@
-"""Damping from mass and stiffness: proportional, or given ratios of the modes.
+"""Damping from mass and stiffness: proportional, given ratios of the modes, or structural (hysteretic).
 
 Modal damping ``C = P G P^T`` has P = M Phi, Phi^T M Phi = I and G = diag(2 zeta omega). As mass and stiffness
 change by m = Phi^T dM Phi and k = Phi^T dK Phi, ``dPhi = Phi E`` with E_ij = (k_ij - omega_j^2 m_ij) /
@@ -10,22 +10,29 @@ and dC = P X P^T, X = dG - E^T G - G E. With the divided differences taken in cl
          + 2 dzeta_i omega_i delta_ij,
 
 which holds on the diagonal and for multiple frequencies of one ratio as well.
+
+A loss factor eta makes ``H = sum eta_e K_e``, a dissipation that does not depend on the frequency. It holds
+at positive frequencies: its motion in time is not causal (S. H. Crandall, J. Sound Vib. 11 (1970) 3–18).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real, evaluated
-from dynid.arrays import Array
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError, UsageError
 from dynid.number_format import counted
 from dynid.structure.matrices import DependentMatrix, Matrix, as_array
 from dynid.structure.modes.modes import modes
+
+if TYPE_CHECKING:
+    from dynid.structure.joints import Joint
 
 _MOST_MODAL = 3000
 # Frequencies nearer to each other than this part of their size are one.
@@ -242,3 +249,44 @@ def _all_modes(M: Array, K: Array) -> tuple[Array, Array]:
     omega = np.sqrt(np.where(square > 1e-6 * shift, square, 0.0))
     momentum = mass @ shapes / np.sqrt(mu)
     return omega, np.asarray(momentum * size[:, None])
+
+
+REMEDY = (
+    "Let dampers eta k / omega of one frequency stand for it, `damping: {equivalent: {at: 40, unit: Hz}}`, "
+    "or write c or damping ratios instead of eta."
+)
+"""What to do where structural damping has no meaning."""
+
+
+def not_causal(what: str) -> UsageError:
+    """Return the error about structural damping where a causal structure is needed."""
+    return UsageError(
+        f"structural damping (eta) holds at positive frequencies only, and is not causal: it has no {what}",
+        remedy=REMEDY,
+        names=("structure",),
+    )
+
+
+def not_positive() -> UsageError:
+    """Return the error about structural damping at the frequency 0."""
+    return UsageError(
+        "structural damping (eta) holds at positive frequencies only: it has no static response",
+        remedy="Leave the frequency 0 out.",
+        names=("analysis.frequency", "measurement.frf", "frequency"),
+    )
+
+
+def viscous(joints: Iterable[Joint], omega: float) -> tuple[Joint, ...]:
+    """Return joints whose loss factors act as dampers eta k / omega."""
+    return tuple(replace(joint, viscous_at=omega) if joint.eta is not None else joint for joint in joints)
+
+
+def damping_ratio(loss_factor: Array) -> Array:
+    """Return the damping ratio of a pole, sin(atan(eta)/2), whose square is (1 + i eta) omega^2."""
+    return np.asarray(np.sin(np.arctan(loss_factor) / 2))
+
+
+def loss_factors(poles: ComplexArray) -> Array:
+    """Return the loss factors eta = Im(mu) / Re(mu) of poles lambda, mu = -lambda^2."""
+    square = -(np.asarray(poles) ** 2)
+    return np.asarray(square.imag / square.real)

@@ -139,7 +139,7 @@ def _solved(M: Matrix, C: Matrix, K: Matrix, forces: Array, omega: float) -> Arr
     """Return the displacements (n x inputs) at one frequency."""
     from scipy.sparse import csc_array
 
-    from dynid.structure.factorisation import factorise
+    from dynid.structure.backends import factorise
 
     damping = csc_array(C)
     Z = csc_array(K) - omega**2 * csc_array(M)
@@ -164,7 +164,7 @@ def _by_modes(
     """Compute the response of the modes of the band with residual vectors."""
     from scipy.sparse import csc_array
 
-    from dynid.structure.factorisation import factorise
+    from dynid.structure.backends import factorise
 
     elastic = _elastic(K)
     pencil = scaled(csc_array(elastic), csc_array(M))

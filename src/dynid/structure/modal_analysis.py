@@ -166,8 +166,8 @@ def _add_complex_modes(
     result: Result, model: StructuralModel, values: Mapping[str, float], lowest: Modes
 ) -> Array:
     """Add loss factors and complex modes; return the damping ratios that the loss factors add (modes)."""
+    from dynid.structure.damping import damping_ratio, loss_factors
     from dynid.structure.mode_derivatives import lowest_modes
-    from dynid.structure.structural_damping import damping_ratio, loss_factors
 
     H: Any = model.with_joints(values, loss=True)[2].imag
     elastic = lowest.omega > 0

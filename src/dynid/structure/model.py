@@ -254,7 +254,7 @@ class StructuralModel(NamedDofs):
         """Return joints whose loss factors act as dampers where the structure says so."""
         if self.viscous_at is None:
             return tuple(joints)
-        from dynid.structure.structural_damping import viscous
+        from dynid.structure.damping import viscous
 
         return viscous(joints, self.viscous_at)
 
@@ -264,7 +264,7 @@ class StructuralModel(NamedDofs):
         Raises UsageError that names what needs a causal structure.
         """
         if self.hysteretic:
-            from dynid.structure.structural_damping import not_causal
+            from dynid.structure.damping import not_causal
 
             raise not_causal(what)
 
@@ -274,7 +274,7 @@ class StructuralModel(NamedDofs):
         Raises UsageError.
         """
         if self.hysteretic and np.any(omega <= 0):
-            from dynid.structure.structural_damping import not_positive
+            from dynid.structure.damping import not_positive
 
             raise not_positive()
 

@@ -55,7 +55,7 @@ def lowest_oscillating(
     from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
-    from dynid.structure.factorisation import factorise
+    from dynid.structure.backends import factorise
 
     M, C, K = matrices
     n, shift = M.shape[0], _SHIFT * elastic

@@ -26,8 +26,7 @@ from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti.exponential import balance, exponential, exponential_with_derivatives, rescaled
 from dynid.lti.signals import Derivative, Sampled, Shifted, Signal
 from dynid.lti.state_space import Matrices
-from dynid.lti.time_response import check_phase, drive_scale, joint_generator
-from dynid.lti.timeline import Timeline, timeline
+from dynid.lti.time_response import Timeline, check_phase, drive_scale, joint_generator, timeline
 from dynid.parameters import Parameter, named, rates, values
 from dynid.structure.model import StructuralModel
 

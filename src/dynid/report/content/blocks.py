@@ -1,7 +1,7 @@
 """Nodes of the content of a result: sections of definition lists, tables, statements and numbered lists.
 
 Content states every fact once. Renderers (the screen in `dynid.cli.screen`, page and notebook in
-`dynid.report.page.nodes`) know these nodes alone. Texts begin in lower case and have no full stop; pages
+`dynid.report.page.html`) know these nodes alone. Texts begin in lower case and have no full stop; pages
 make sentences of them.
 """
 

@@ -23,8 +23,13 @@ from dynid.number_format import (
 )
 from dynid.report.content.blocks import ALL, ReportSection, Statement, TextTable, joined
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
-from dynid.report.content.modes import derived_sections, has_modes, modal_sections, modal_summary
-from dynid.report.content.responses import response_sections
+from dynid.report.content.responses import (
+    derived_sections,
+    has_modes,
+    modal_sections,
+    modal_summary,
+    response_sections,
+)
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from dynid.arrays import Array
-from dynid.report.content.modes import GROUP, has_modes, modal_table
+from dynid.report.content.responses import GROUP, has_modes, modal_table
 from dynid.report.drawing.space import GROUP as SPACE
 from dynid.report.drawing.space import Space, bent_line
 from dynid.report.drawing.structure_scene import StructureGeometry, geometry_of

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from dynid.arrays import Array, ComplexArray
 from dynid.report.content.design import DESIGN
-from dynid.report.content.modes import DERIVED, is_requested
+from dynid.report.content.responses import DERIVED, is_requested
 from dynid.report.figure import Figure, table_of
 from dynid.report.notation import approximation, frequency_label, in_decibels, labelled, short
 from dynid.report.plot import (

@@ -28,11 +28,12 @@ from dynid.report.page.html import (
     figure_table,
     grid,
     join,
+    node,
+    page_sections,
     scrolling,
     tag,
     text,
 )
-from dynid.report.page.nodes import node, page_sections
 from dynid.report.plot.chart import PageSpace, embedded
 from dynid.report.svg import css
 from dynid.result import Result

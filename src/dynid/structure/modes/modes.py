@@ -308,7 +308,7 @@ def modes(
 
 def solver_for(size: int, count: int | None, below: float | None, entries: int = 0) -> str:
     """Return the backend that is chosen by size, entries, and how many modes are asked for."""
-    from dynid.structure.factorisation import backend_for
+    from dynid.structure.backends import backend_for
 
     if size <= _SMALL:
         return "dense"

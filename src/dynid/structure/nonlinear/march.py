@@ -22,7 +22,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import NumericalError
-from dynid.lti.timeline import Timeline
+from dynid.lti.time_response import Timeline
 from dynid.native import compiled
 from dynid.structure.joint_laws import BoundLaw, Slopes
 from dynid.structure.nonlinear.tables import (

@@ -12,8 +12,7 @@ from dynid.errors import UsageError
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.generator import Signal
 from dynid.lti.signals import Impulse, Random
-from dynid.lti.time_response import TimeResponse
-from dynid.lti.timeline import timeline
+from dynid.lti.time_response import TimeResponse, timeline
 from dynid.lti.waveforms import sum_lines
 from dynid.result import Result
 from dynid.structure.excitation import Excitation

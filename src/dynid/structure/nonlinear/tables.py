@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
 from dynid.lti.exponential import exponential
-from dynid.lti.timeline import Timeline
+from dynid.lti.time_response import Timeline
 from dynid.structure.joint_laws import BoundLaw
 
 #: Lobatto nodes of a step.

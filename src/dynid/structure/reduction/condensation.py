@@ -138,7 +138,7 @@ def _sparse(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]
     from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import LinearOperator, onenormest
 
-    from dynid.structure.factorisation import factorise
+    from dynid.structure.backends import factorise
 
     D = diags_array(scale)
     factor = factorise(csc_array(D @ matrix @ D))

@@ -21,7 +21,7 @@ from dynid.errors import DynidError, UsageError
 from dynid.result import Result, Variable, covers
 from dynid.scene.schema.raw import unit_of_frequencies
 from dynid.scene.yaml.source import parse_source
-from dynid.store.frequencies import in_unit
+from dynid.store.reader import in_unit
 from dynid.store.tables import ColumnKind, ExportTable, TableColumn, kind_of, split
 from dynid.suggestions import did_you_mean, did_you_mean_path
 from dynid.units import RADIANS, FrequencyUnit
