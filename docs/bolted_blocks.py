@@ -22,9 +22,8 @@ from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify, posterior_of
 from dynid.identification.problem import Problem
-from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
-from dynid.identification.records.simulation import Simulation
 from dynid.identification.results.write_result import add_identification
 from dynid.identification.systems.record_values import data
 from dynid.lti.waveforms import Multisine

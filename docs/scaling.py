@@ -25,7 +25,7 @@ from distributed import Client, LocalCluster
 from dynid.scene.batch import run_batch
 from dynid.scene.load import load_scene
 from dynid.scene.outcomes import SampleBlock, SampleOutcomes
-from dynid.study.executors.base import StudyExecutor
+from dynid.study.executors import StudyExecutor
 from dynid.study.file import write_study
 from dynid.study.journal import Journal
 from dynid.study.keys import SIZE, sample_keys
@@ -568,7 +568,7 @@ logarithms; that of the response of a ladder includes the second plan, which kee
 
 def graphs() -> str:
     """Return the table of large graphs."""
-    from dynid.bench.cases import chain, frequency_response, ladder
+    from dynid.bench.cases import chain, frequency_response
     from dynid.bondgraph.graph import BondGraph
     from dynid.bondgraph.graph_response import frequency_response as response
     from dynid.bondgraph.reduced_graph import ReducedGraph
@@ -577,7 +577,7 @@ def graphs() -> str:
     models = {
         "chain": (chain.reduced, 3),
         "random tree": (frequency_response.tree, 2),
-        "ladder": (ladder.reduced, 8),
+        "ladder": (frequency_response.ladder, 8),
     }
     rows = []
     for name, (model, elements) in models.items():

@@ -9,8 +9,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dynid.bench.cases import ladder
 from dynid.bench.cases.chain import exact_response, reduced
+from dynid.bench.cases.frequency_response import ladder
 from dynid.bondgraph import reduced_graph
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.graph_response import frequency_response
@@ -112,7 +112,7 @@ def test_a_long_chain_has_the_same_program_and_the_exact_response(monkeypatch):
 
 def test_a_ladder_is_planned_balanced_by_the_library(monkeypatch):
     """Of few frequencies too: its bounds grow along the rails, whatever the precision."""
-    graph = ladder.reduced(125)
+    graph = ladder(125)
     few = np.array([0.1, 0.2])
     response = frequency_response(graph, few)
     many = frequency_response(graph, np.concatenate([few, np.linspace(0.3, 60, 1000)]))
@@ -120,7 +120,7 @@ def test_a_ladder_is_planned_balanced_by_the_library(monkeypatch):
     planned = graph.balanced().program
     assert type(planned).__name__ == "CompiledProgram"
     monkeypatch.setenv(VARIABLE, "0")
-    other = ladder.reduced(125).balanced().program
+    other = ladder(125).balanced().program
     assert type(other).__name__ == "Program"
     assert planned.ops == other.ops
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynid.bench.cases.frequency_response import reduced as ladder
 from dynid.bench.cases.frequency_response import tree
-from dynid.bench.cases.ladder import reduced as ladder
 from dynid.bondgraph import graph_response as response_module
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.graph_response import frequency_response

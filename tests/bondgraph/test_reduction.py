@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.bench.cases import ladder
+from dynid.bench.cases.frequency_response import ladder
 from dynid.bondgraph.graph import Bond, BondGraph, Node, graph_faults
 from dynid.bondgraph.program.program import operands
 from dynid.bondgraph.reduction.junctions import NameRegistry, unique
@@ -383,7 +383,7 @@ def test_a_balanced_plan_has_short_ways_through_a_ladder():
         (answer,) = plan.channels().values()
         return lengths[answer]
 
-    short, long = (ladder.reduced(stages) for stages in (50, 200))
+    short, long = (ladder(stages) for stages in (50, 200))
     assert way(long.balanced()) - way(short.balanced()) <= 20
     assert way(long) - way(short) > 1000
 

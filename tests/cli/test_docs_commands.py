@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLES = DOCS / "examples"

@@ -16,7 +16,7 @@ from dynid.result import Result
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from dynid.store.export import answer_json
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 MOTOR = """dynid: 1

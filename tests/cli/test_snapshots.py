@@ -68,7 +68,7 @@ def planned(path):
 
 def studied(folder):
     """Return the screen of a study of three samples, one of which fails."""
-    from dynid.study.executors.base import SerialExecutor
+    from dynid.study.executors import SerialExecutor
     from dynid.study.plan import make_plan
     from dynid.study.run import run_study
 

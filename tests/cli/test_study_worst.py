@@ -8,7 +8,7 @@ import pytest
 import dynid as package
 from dynid.scene.yaml.source import parse_source
 from dynid.store import read_result
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 from dynid.study.plan import make_plan
 from dynid.study.run import run_study
 

@@ -13,7 +13,7 @@ import pytest
 
 from dynid.cli import main
 from dynid.store import write_result
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 from dynid.study.run import run_study
 from tests.report.pages import result_of
 from tests.study.small import STUDY, planned

@@ -8,7 +8,7 @@ import pytest
 
 from dynid.errors import SceneError, UsageError
 from dynid.identification.diagnosis.instrument_mistakes import _best
-from dynid.identification.records.simulation import check_finite
+from dynid.identification.records.measurement import check_finite
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 from dynid.scene.yaml.writer import dump

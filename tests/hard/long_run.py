@@ -12,8 +12,7 @@ from dynid.identification.estimators.filter import LINEARISED_DEVIATIONS, _walk,
 from dynid.identification.estimators.filter_passes import wide_prior
 from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.time_record import TimeRecord
-from dynid.identification.records.measurement import Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Measurement, Simulation
 from dynid.identification.systems.parametric_model import (
     DirectTerm,
     ParametricModel,

@@ -3,8 +3,7 @@
 import numpy as np
 
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter

@@ -21,8 +21,7 @@ from dynid.errors import Diverged, DynidError
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.problem import Problem
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Chirp, Impact, Multisine
 from dynid.parameters import Parameter, coordinates, starts, truths
 from dynid.structure.assembly import PointMass, Support

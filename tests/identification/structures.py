@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynid.identification.records.measurement import Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Measurement, Simulation
 from dynid.lti.noise import WhiteNoise
 from dynid.lti.signals import Chirp, Impact, Multisine, Sine, Step
 from dynid.structure.assembly import Support

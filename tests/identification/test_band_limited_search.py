@@ -10,7 +10,7 @@ from dynid.identification.estimators import auto
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Simulation
 from dynid.identification.systems.band_limited_system import BAND_FACTOR, band_limited
 from dynid.identification.systems.frf_system import FrfSystem
 from dynid.identification.systems.structure_system import StructureSystem

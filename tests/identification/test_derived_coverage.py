@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import dynid.lti
-from dynid.identification.records.measurement import Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Measurement, Simulation
 from dynid.identification.results.write_derived import DerivedRequest
 from dynid.identification.results.write_result import Further
 from dynid.structure.joints import Joint

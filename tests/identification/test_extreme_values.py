@@ -8,8 +8,7 @@ from dynid.errors import Diverged, DynidError, NotIdentifiable, NumericalError, 
 from dynid.identification.estimators.filter import filter_pass, run_away
 from dynid.identification.identify import identify
 from dynid.identification.likelihood.priors import InitialState
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.statistics import chi_squared_tail, root_mean_square
 from dynid.identification.systems import parametric_model as cost
 from dynid.identification.systems.parametric_model import parametric_model

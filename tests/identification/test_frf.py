@@ -15,7 +15,7 @@ from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify
 from dynid.identification.likelihood import frf_record
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Simulation
 from dynid.identification.systems.frf_system import FrfSystem, frf_data
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -15,8 +15,7 @@ from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine

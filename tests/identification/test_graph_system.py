@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from dynid.arithmetic.dependent import Dependent, sqrt
 from dynid.bondgraph.graph import Bond, BondGraph, Node
 from dynid.errors import Singular, UsageError
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Simulation
 from dynid.identification.systems.graph_system import GraphChannel, GraphSystem, IdentifiedGraph, SourceLoad
 from dynid.lti.signals import Impulse, Multisine, Sampled, Sine, Step
 from dynid.parameters import Parameter

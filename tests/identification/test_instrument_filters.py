@@ -12,8 +12,7 @@ from dynid.errors import UsageError
 from dynid.identification.identify import identify
 from dynid.identification.problem import Problem
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.frf_system import FrfSystem
 from dynid.identification.systems.parametric_model import system_of
 from dynid.identification.systems.prediction import free_prediction, prediction

@@ -11,8 +11,7 @@ from dynid.identification.diagnosis.instrument_mistakes import instrument_mistak
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import _suggesting, identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, unstacked
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.frf_system import frf_data
 from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Sampled

@@ -8,8 +8,7 @@ from dynid.errors import UsageError
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.frf_system import FrfSystem
 from dynid.identification.systems.instruments import RecordSampling
 from dynid.identification.systems.parametric_model import parametric_model

@@ -10,8 +10,7 @@ from dynid.arithmetic.dependent import Dependent
 from dynid.bondgraph.graph import BondGraph
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.known_parts import with_known_parts
 from dynid.identification.systems.record_values import data

@@ -15,8 +15,7 @@ from dynid.identification.likelihood.saturated_model import (
     Regressors,
     saturated_coordinates,
 )
-from dynid.identification.records.measurement import Experiment
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Simulation
 from dynid.identification.statistics import log_f_tail
 from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Multisine, Sampled, Sine

@@ -13,8 +13,7 @@ from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify
 from dynid.identification.likelihood.nonlinear_record import NonlinearRecord, growing
 from dynid.identification.problem import Problem
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Multisine
 from dynid.structure.joint_laws import Cubic, Gap, Jenkins
 from dynid.structure.joints import Joint, JointParameter

@@ -12,8 +12,7 @@ import dynid
 from dynid.arithmetic.dependent import Dependent
 from dynid.identification.estimators.filter import filter_pass
 from dynid.identification.likelihood.priors import InitialState
-from dynid.identification.records.measurement import Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Measurement, Simulation
 from dynid.identification.systems.parametric_model import parametric_model
 from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine

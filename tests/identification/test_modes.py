@@ -14,9 +14,8 @@ from dynid.identification.identify import identify
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.modal_record import ModalRecord
 from dynid.identification.likelihood.paired_modes import _turned
-from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
-from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter, ParameterPrior, starts
 from dynid.structure.correlation import comac, mac, paired

@@ -15,8 +15,7 @@ from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.linear_system import LinearSystem, StateVariable
 from dynid.lti.signals import Chirp, Impulse
 from dynid.lti.state_space import Matrices

@@ -12,10 +12,9 @@ from dynid.identification.estimators.maximum_likelihood import Huber, OutputErro
 from dynid.identification.identify import identify
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
 from dynid.identification.records.preparation import Decimate, prepare
-from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.parametric_model import parametric_model
 from dynid.identification.systems.prediction import free_prediction, prediction
 from dynid.identification.systems.record_values import data

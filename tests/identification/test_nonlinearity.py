@@ -6,8 +6,7 @@ import pytest
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify
 from dynid.identification.likelihood import nonlinearity as score
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Multisine, Sampled, Sine
 from dynid.result import Result

@@ -12,8 +12,7 @@ from dynid.identification.planning.excitation import candidate_sines, exact_boun
 from dynid.identification.planning.plan import PlanRequest, candidate_sensors, every_channel, plan
 from dynid.identification.planning.selection import Candidates, select
 from dynid.identification.problem import Problem
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Multisine, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

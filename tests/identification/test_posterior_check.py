@@ -11,8 +11,7 @@ from dynid.identification.diagnosis import importance
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Measurement, Simulation
 from dynid.identification.results.write_result import Further
 from dynid.lti.signals import Multisine
 from dynid.parameters import ParameterPrior

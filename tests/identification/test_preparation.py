@@ -6,9 +6,8 @@ import pytest
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.records.preparation import BandPass, Decimate, Detrend, prepare
-from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Random, Sampled, Sine, Step
 from dynid.structure.joints import Joint, JointParameter

@@ -9,9 +9,8 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, unstacked
-from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.records.preparation import BandPass, Detrend, prepare
-from dynid.identification.records.simulation import Simulation
 from dynid.identification.residual_tests import noise_test, residual_shape
 from dynid.identification.systems.frf_system import frf_data
 from dynid.lti.signals import Multisine

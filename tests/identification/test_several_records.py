@@ -9,8 +9,7 @@ from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Multisine
 from dynid.lti.time_response import propagate

@@ -6,8 +6,7 @@ import pytest
 from dynid.errors import Diverged, NotIdentifiable, UsageError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Impulse, Multisine, RecordTimes, signal
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -9,8 +9,7 @@ from dynid.identification.identify import identify
 from dynid.identification.likelihood.modal_record import ModalRecord
 from dynid.identification.problem import Problem
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.frf_system import FrfSystem
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter

@@ -8,9 +8,8 @@ from dynid.arithmetic.dependent import Dependent
 from dynid.errors import NotIdentifiable
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.records.modal_measurement import ModalMeasurement
-from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter, ParameterPrior
 from dynid.structure.joints import Joint, JointParameter

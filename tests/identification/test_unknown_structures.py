@@ -11,8 +11,7 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify
 from dynid.identification.problem import Problem
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Chirp, Multisine
 from dynid.parameters import Parameter, coordinates, starts, truths
 from dynid.structure.assembly import PointMass, Support

@@ -8,8 +8,7 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import Huber
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Chirp
 from dynid.parameters import Parameter, ParameterPrior
 from dynid.structure.assembly import PointMass, Support

@@ -5,8 +5,7 @@ import pytest
 
 from dynid.arithmetic.dependent import Dependent
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Chirp
 from dynid.parameters import Parameter
 from dynid.structure.lumped import Link, lumped

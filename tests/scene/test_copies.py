@@ -18,7 +18,7 @@ from dynid.scene.kinds.bond_graph import built_graph
 from dynid.scene.load import check_source
 from dynid.scene.schema.json_schema import scene_schema
 from dynid.scene.yaml.source import apply_overrides, parse_source
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 from dynid.study.run import run_study
 from tests.sample import sample
 from tests.study.small import planned

@@ -19,7 +19,7 @@ from dynid.scene.load import check_source
 from dynid.scene.run import preparation_errors, run_scene
 from dynid.scene.schema.base import aspects_of
 from dynid.scene.yaml.source import parse_source
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 from dynid.study.run import run_study
 from tests.bondgraph.graphs import build, parse
 from tests.study.small import planned

@@ -8,7 +8,7 @@ import pytest
 
 import dynid
 from dynid.scene.load import load_scene
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 from dynid.study.plan import make_plan
 from dynid.study.run import run_study
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import Diverged, DynidError, FileError, UsageError
-from dynid.identification.records.measurement import Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Measurement, Simulation
 from dynid.identification.systems.record_values import data, simulated
 from dynid.lti.signals import Sampled
 from dynid.scene.kinds.measurements import experiments

@@ -6,8 +6,7 @@ import pytest
 from dynid.errors import UsageError
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Experiment, Measurement
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Multisine, Sampled, Step
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynid.scene.load import load_scene
 from dynid.study import scheduler
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 from dynid.study.journal import Journal
 from dynid.study.keys import Keyring
 from dynid.study.plan import make_plan

@@ -13,9 +13,7 @@ import pytest
 from dynid.errors import FileError, NumericalError
 from dynid.store import read_result
 from dynid.study import work
-from dynid.study.executors import make_executor
-from dynid.study.executors.base import SerialExecutor
-from dynid.study.executors.processes import ProcessExecutor
+from dynid.study.executors import ProcessExecutor, SerialExecutor, make_executor
 from dynid.study.run import run_study, valid_samples
 from tests.study.faults import poisoned
 from tests.study.small import SCENE, STUDY, assert_same, planned
@@ -235,9 +233,9 @@ def test_a_study_whose_scheduler_is_gone_says_so_and_goes_on_elsewhere(serial, c
 
 
 def test_a_scheduler_that_is_not_there_is_said_to_be_so(tmp_path, monkeypatch):
-    from dynid.study.executors import dask
+    from dynid.study import executors
 
-    monkeypatch.setattr(dask, "_CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr(executors, "_CONNECT_SECONDS", 0.5)
     with pytest.raises(FileError, match=r"the Dask scheduler at tcp://127\.0\.0\.1:9 does not answer"):
         run_study(planned(tmp_path), tmp_path / "s.h5", make_executor(scheduler="tcp://127.0.0.1:9"))
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 from dynid.study.journal import Journal
 from dynid.study.run import run_study
 from tests.study.small import STUDY, assert_same, planned, written

@@ -19,7 +19,7 @@ from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.store import read_result
 from dynid.study import journal
 from dynid.study import run as running
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 from dynid.study.journal import MAGIC, Journal
 from dynid.study.run import foreign_samples, run_study, valid_samples
 from dynid.study.work import packed

@@ -20,8 +20,7 @@ from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.store import open_stored, read_result
 from dynid.study import journal
 from dynid.study import run as running
-from dynid.study.executors import make_executor
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor, make_executor
 from dynid.study.merge import merge_studies
 from dynid.study.plan import make_plan
 from dynid.study.run import TooManyFailures, run_study, valid_samples

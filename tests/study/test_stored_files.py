@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 
 from dynid.store import read_result
-from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors import SerialExecutor
 from dynid.study.run import run_study
 from tests.study.small import assert_same, planned
 

@@ -13,10 +13,8 @@ import pytest
 
 from dynid.errors import UsageError
 from dynid.store import read_result
-from dynid.study import scheduler
-from dynid.study.executors import make_executor, processes
-from dynid.study.executors.base import SerialExecutor
-from dynid.study.executors.processes import ProcessExecutor
+from dynid.study import executors, scheduler
+from dynid.study.executors import ProcessExecutor, SerialExecutor, make_executor
 from dynid.study.run import run_study
 from dynid.trial import ProcessDied, TimeLimitExceeded
 from tests.study.faults import faulty
@@ -48,13 +46,13 @@ class Faulty(ProcessExecutor):
 @pytest.fixture
 def impatient(monkeypatch):
     """A second for what is known to hang, ten minutes for all the rest, whatever the limit says."""
-    exchange = processes.Worker._exchange
+    exchange = executors.Worker._exchange
 
     def hurried(worker, _, call, args):
         hangs = call is faulty and any(args[0].get(one["parameters.m"]) == "hangs" for one in args[-1])
         return exchange(worker, 1.0 if hangs and worker._completed else 600.0, call, args)
 
-    monkeypatch.setattr(processes.Worker, "_exchange", hurried)
+    monkeypatch.setattr(executors.Worker, "_exchange", hurried)
     monkeypatch.setattr("dynid.study.scheduler.Chunks.size", lambda _, left, __: 1 if left == 20 else 2)
 
 
@@ -110,7 +108,7 @@ def test_a_sample_that_takes_long_is_named(tmp_path, monkeypatch):
 
 
 def test_a_process_that_is_gone_is_replaced_and_what_it_raises_comes_through():
-    worker = processes.Worker()
+    worker = executors.Worker()
     try:
         assert worker.run(60.0, os.getpid) != os.getpid()
         with pytest.raises(ValueError, match="could not convert"):
@@ -127,7 +125,7 @@ def test_a_process_that_is_gone_is_replaced_and_what_it_raises_comes_through():
 
 
 def test_processes_that_nothing_asks_for_end():
-    of_worker = processes.WorkerPool(idle=0.05)
+    of_worker = executors.WorkerPool(idle=0.05)
     process = of_worker.run(60.0, os.getpid)
     end = time.monotonic() + 60
     while _lives(process):
@@ -139,7 +137,7 @@ def test_processes_that_nothing_asks_for_end():
 
 ORPHAN = """
 import os, sys, time
-from dynid.study.executors.processes import Worker
+from dynid.study.executors import Worker
 worker = Worker()
 print(worker.run(60.0, os.getpid), flush=True)
 worker.run(60.0, time.sleep, 1000)

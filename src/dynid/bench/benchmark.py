@@ -105,7 +105,7 @@ class _CatalogueEntry(NamedTuple):
 #: The benchmarks by name, in the order of a run.
 BENCHMARKS = {
     "frequency-response": _CatalogueEntry("frequency_response", 18),
-    "frequency-response-on-loops": _CatalogueEntry("ladder", 8),
+    "frequency-response-on-loops": _CatalogueEntry("frequency_response:LADDER", 8),
     "frequency-response-of-trees": _CatalogueEntry("frequency_response:TREE", 0),
     "zeros-poles": _CatalogueEntry("zeros_poles:CHAIN", 12),
     "polynomials": _CatalogueEntry("chain:POLYNOMIALS", 3),

@@ -28,7 +28,7 @@ from dynid.defaults import of_benchmark
 from dynid.errors import DynidError, NumericalError, UsageError
 from dynid.number_format import counted, significant
 from dynid.result import Result
-from dynid.study.executors.base import cores
+from dynid.study.executors import cores
 from dynid.trial import ONE_THREAD, ChildProcess, ProcessDied
 
 

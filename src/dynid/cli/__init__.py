@@ -35,12 +35,12 @@ COMMANDS = {
     "export": ("dynid.cli.results:export", "Export a result as CSV, Parquet, JSON, .mat or .mtx."),
     "compare": ("dynid.cli.results:compare", "List the differences between two results."),
     "new": ("dynid.cli.start:new", "Write a commented template scene."),
-    "library": ("dynid.cli.help:library", "List the models of machines and components, or print one."),
-    "schema": ("dynid.cli.help:schema", "Print the JSON Schema of scenes."),
+    "library": ("dynid.cli.start:library", "List the models of machines and components, or print one."),
+    "schema": ("dynid.cli.start:schema", "Print the JSON Schema of scenes."),
     "bench": ("dynid.cli.bench:bench", "Measure the speed and the error of the algorithms."),
     "demo": ("dynid.cli.start:demo", "Run a tour of the commands in a temporary folder."),
     "doctor": ("dynid.cli.start:doctor", "Report versions, optional packages and folders."),
-    "help": ("dynid.cli.help:help_", "Print the manual of a topic."),
+    "help": ("dynid.cli.start:help_", "Print the manual of a topic."),
 }
 
 #: The commands in groups, as `dynid --help` lists them.

@@ -20,9 +20,8 @@ from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordLikelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.records.frf_measurement import FrfMeasurement
-from dynid.identification.records.measurement import Experiment, RecordData, sampled_loads
+from dynid.identification.records.measurement import Experiment, RecordData, Simulation, sampled_loads
 from dynid.identification.records.modal_measurement import ModalMeasurement
-from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.frf_system import frf_data
 from dynid.identification.systems.instruments import Instruments, with_spreads
 from dynid.identification.systems.parametric_model import (

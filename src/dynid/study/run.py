@@ -27,7 +27,7 @@ from dynid.scene.explanations.explanation import (
     peak_megabytes,
 )
 from dynid.scene.outcomes import SampleBlock, SampleOutcomes
-from dynid.study.executors.base import cores
+from dynid.study.executors import cores
 from dynid.study.file import StudyHeading, locked, write_study
 from dynid.study.journal import Journal
 from dynid.study.keys import SIZE, Keys, as_texts, found_in, sample_keys

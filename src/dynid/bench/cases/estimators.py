@@ -47,8 +47,7 @@ class SuspensionRecord(NamedTuple):
 def case(samples: int, seed: int = 1) -> SuspensionRecord:
     """Return a record of this length and noise."""
     from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
-    from dynid.identification.records.measurement import Measurement
-    from dynid.identification.records.simulation import Simulation
+    from dynid.identification.records.measurement import Measurement, Simulation
     from dynid.identification.systems.parametric_model import parametric_model
     from dynid.identification.systems.record_values import data
     from dynid.lti.signals import Multisine

@@ -110,8 +110,7 @@ def _beam_with_joints(elements: int) -> Any:
 
 def _record(omega: Sequence[float], samples: int, settle: float) -> tuple[Any, Any]:
     """Return the load of sines of 100 N, and the measurement of two velocities without noise."""
-    from dynid.identification.records.measurement import Measurement
-    from dynid.identification.records.simulation import Simulation
+    from dynid.identification.records.measurement import Measurement, Simulation
     from dynid.lti.signals import Multisine
     from dynid.structure.ports import Channel, Load
 

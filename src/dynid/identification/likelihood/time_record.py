@@ -29,9 +29,8 @@ from dynid.identification.likelihood.saturated_model import (
     regressors_in_time,
     saturated_coordinates,
 )
-from dynid.identification.records.measurement import Experiment, RecordData
+from dynid.identification.records.measurement import Experiment, RecordData, Simulation
 from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
-from dynid.identification.records.simulation import Simulation
 from dynid.identification.residual_tests import spectrum
 from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.known_inputs import NONE_LEFT_OUT, KnownSamples, known_samples

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from dynid.arrays import Array, ComplexArray
 from dynid.errors import UsageError
-from dynid.identification.records.simulation import Simulation, check_finite, per_channel
+from dynid.identification.records.measurement import Simulation, check_finite, per_channel
 from dynid.structure.matrices import Label
 from dynid.structure.ports import ratio
 

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.errors import UsageError
-from dynid.identification.records.measurement import Experiment, sampled_loads
+from dynid.identification.records.measurement import Experiment, Simulation, sampled_loads
 from dynid.identification.records.noise import ColouredNoise
-from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Sampled, Step
 from dynid.structure.ports import Load
 

@@ -11,8 +11,7 @@ import numpy as np
 from dynid.arrays import Array, ComplexArray
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, stacked, unstacked
-from dynid.identification.records.measurement import RecordData
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import RecordData, Simulation
 from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.instruments import Instruments
 from dynid.identification.systems.linear_system import LinearSystem

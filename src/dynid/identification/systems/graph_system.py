@@ -20,7 +20,7 @@ from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Node
 from dynid.bondgraph.parametric_equations import ParametricEquations
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular, UsageError
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Simulation
 from dynid.identification.systems.linear_system import LinearSystem, Responses, StateVariable
 from dynid.lti.signals import Impulse, Signal
 from dynid.lti.state_space import Matrices, StateSpace

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Simulation
 from dynid.lti.frequency_response import on_a_pole
 from dynid.lti.signals import Signal
 from dynid.lti.state_space import Matrices, StateSpace

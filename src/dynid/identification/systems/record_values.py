@@ -10,9 +10,8 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import NotIdentifiable
-from dynid.identification.records.measurement import Measurement, RecordData
+from dynid.identification.records.measurement import Measurement, RecordData, Simulation
 from dynid.identification.records.noise import Autoregression
-from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.instruments import Instruments
 from dynid.identification.systems.linear_system import SystemModel
 from dynid.lti.signals import Shifted

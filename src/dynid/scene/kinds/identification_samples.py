@@ -14,8 +14,7 @@ from typing import Any, NamedTuple, cast
 from dynid.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.errors import DynidError
 from dynid.identification.problem import SharedRecords
-from dynid.identification.records.measurement import Experiment
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Simulation
 from dynid.result import Selection
 from dynid.scene.batch import NotShared, Overrides
 from dynid.scene.kinds.identification import Setting, estimates_alone, identified, setting

@@ -103,9 +103,8 @@ def _measurement(
     scene: Scene, record: RecordModel, record_path: str, model: Tested
 ) -> tuple[Measurement, dict[Path, float | None]]:
     """Return channels and samples of a record, or the noise of a simulated one; first times of its files."""
-    from dynid.identification.records.measurement import Measurement
+    from dynid.identification.records.measurement import Measurement, Simulation
     from dynid.identification.records.noise import ColouredNoise
-    from dynid.identification.records.simulation import Simulation
     from dynid.scene.schema.measurement import NoiseModel
 
     channel_models, step, samples = record.channels or (), number(record.step), record.samples or 0
@@ -348,7 +347,7 @@ def frf_measurement(scene: Scene, measurement: MeasurementModel, model: Tested =
     inconsistent.
     """
     from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-    from dynid.identification.records.simulation import Simulation
+    from dynid.identification.records.measurement import Simulation
     from dynid.scene.schema.measurement import NoiseModel
 
     assert measurement.frf is not None

@@ -51,9 +51,8 @@ from dynid.structure.correlation import frac
 from dynid.structure.frf import direct
 from dynid.structure.matrices import as_array
 from dynid.structure.ports import Ports, ports
-from dynid.structure.reduction.stacked_choices import Choice
 from dynid.structure.reduction.stacked_methods import StackedEnergies, StackedReduction, compared, stacked
-from dynid.structure.reduction.stacked_modes import Stack
+from dynid.structure.reduction.stacked_modes import Choice, Stack
 from dynid.structure.reduction_comparison import ARRAYS
 
 # Structures of more DOFs are run one by one: the work in their matrices is all that counts there.

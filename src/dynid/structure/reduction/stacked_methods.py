@@ -20,7 +20,7 @@ from dynid.arrays import Array
 from dynid.defaults import MASTER_COORDINATES
 from dynid.structure.correlation import mac, orthogonality
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction import stacked_choices
+from dynid.structure.reduction import stacked_modes
 from dynid.structure.reduction.condensation import Dynamic, OnMasters, Partition
 from dynid.structure.reduction.irs import MAX_ROUNDING, SETTLED, Irs
 from dynid.structure.reduction.masters import HOPELESS, Indices, indices_of, interesting
@@ -28,10 +28,10 @@ from dynid.structure.reduction.methods import Reductor
 from dynid.structure.reduction.modal import CraigBampton, ModalTruncation
 from dynid.structure.reduction.reduced_model import cancellation
 from dynid.structure.reduction.serep import JointAware, Serep
-from dynid.structure.reduction.stacked_choices import Choice
 from dynid.structure.reduction.stacked_modes import (
     RIGID_STRAIN,
     UNIT_ROUNDING,
+    Choice,
     Stack,
     StackedModes,
     Sure,
@@ -78,16 +78,16 @@ def stacked(method: Reductor, model: StructuralModel) -> _StackedMethod:
         elif method.residuals:
             loads = indices_of(model, method.residuals, "residuals")
         return _StackedMethod(
-            partial(stacked_choices.choose_modes, method), partial(_on_modal_coordinates, loads=loads)
+            partial(stacked_modes.choose_modes, method), partial(_on_modal_coordinates, loads=loads)
         )
     if isinstance(method, Serep | JointAware):
         joint_aware = isinstance(method, JointAware)
         return _StackedMethod(
-            partial(stacked_choices.choose_for_modes, method, model, joint_aware),
+            partial(stacked_modes.choose_for_modes, method, model, joint_aware),
             partial(_on_modes, joint_aware=joint_aware, retained=joint_aware or not model.joints),
         )
     if isinstance(method, CraigBampton):
-        choose = partial(stacked_choices.choose_for_fixed_interface, method, model)
+        choose = partial(stacked_modes.choose_for_fixed_interface, method, model)
         return _StackedMethod(choose, _condensed)
     assert isinstance(method, OnMasters)
     reduce: Callable[[Stack, Stack, Choice], StackedReduction] = _condensed
@@ -95,7 +95,7 @@ def stacked(method: Reductor, model: StructuralModel) -> _StackedMethod:
         reduce = partial(_condensed, omega=method.omega)
     elif isinstance(method, Irs):
         reduce = partial(_improved, iterations=method.iterations)
-    return _StackedMethod(partial(stacked_choices.choose_masters, method, model), reduce)
+    return _StackedMethod(partial(stacked_modes.choose_masters, method, model), reduce)
 
 
 def _projected(
