@@ -8,7 +8,7 @@ Source: K. T. Yang 1997.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
@@ -114,11 +114,18 @@ def identify(
         suggest = into is None or into.wants("identification/diagnostics/warnings")
         suggest = suggest and problem.survey is None and not _has_laws(problem.model)
         posterior, last = posterior_of(problem, estimator, suggest=suggest)
-        if posterior.rejection is not None:
-            raise_rejected(
-                posterior, *([] if problem.survey is None else [partial(_add_modes, problem=problem)])
-            )
         result, needed = Result("identification") if into is None else into, None
+        additions: list[Callable[[Result, Posterior], None]] = []
+        if further is not None and further.laws and result.wants_below("identification/laws"):
+            from dynid.identification.diagnosis.law_comparison import compare_laws  # of candidates alone
+
+            assert isinstance(last, StructuralModel)
+            comparison = compare_laws(problem, last, posterior, further.laws)
+            additions.append(lambda result, _: comparison.add_to(result))
+        if posterior.rejection is not None:
+            if problem.survey is not None:
+                additions.append(partial(_add_modes, problem=problem))
+            raise_rejected(posterior, *additions)
         if problem.survey is not None:
             from dynid.identification.diagnosis.form_error import needed_form_error  # of modal surveys alone
 
@@ -130,6 +137,8 @@ def identify(
             lambda: [true_states(problem.truth, last, *experiment) for experiment in problem.experiments],
             further,
         )
+        for add in additions:
+            add(result, posterior)
         if problem.survey is not None:
             _add_modes(result, posterior, problem=problem, needed=needed)
         return result

@@ -23,7 +23,7 @@ from dynid.arrays import Array
 from dynid.errors import DynidError, UsageError
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.least_squares import STATE_RANK, thin_svd
-from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.statistics import TAIL_PROBABILITY
@@ -81,7 +81,7 @@ class PosteriorCheck:
 
 
 @dataclass(frozen=True)
-class _LikelihoodSize:
+class LikelihoodSize:
     """Greatest log-likelihood of the records, with its numbers of observations and free parameters."""
 
     log_likelihood: float
@@ -94,12 +94,11 @@ class _LikelihoodSize:
         return self.free * math.log(self.observations) - 2 * self.log_likelihood
 
 
-def likelihood_size(posterior: Posterior) -> _LikelihoodSize:
-    """Return the log-likelihood of the records at the estimate, without priors.
+def likelihood_size(likelihood: Likelihood, fit: Fit) -> LikelihoodSize:
+    """Return the log-likelihood of the records at a fit, without priors.
 
     Initial states and deviations of the noise that are not given have their most likely values.
     """
-    likelihood, fit = posterior.likelihood, posterior.fit
     total, observations, free = 0.0, 0, len(likelihood.unknowns)
     for record, record_fit, level in zip(
         likelihood.records, fit.parts, likelihood.likeliest(fit), strict=True
@@ -112,7 +111,7 @@ def likelihood_size(posterior: Posterior) -> _LikelihoodSize:
         observations += int(record_fit.counts.sum())
         free += record.noise_coefficients
         free += len(_state_strength(record, record_fit, level)) + int(np.count_nonzero(~noise_given))
-    return _LikelihoodSize(total, observations, free)
+    return LikelihoodSize(total, observations, free)
 
 
 def posterior_check(posterior: Posterior) -> PosteriorCheck:
@@ -160,7 +159,7 @@ def posterior_check(posterior: Posterior) -> PosteriorCheck:
     reason = _no_evidence(likelihood)
     evidence = None
     if not reason:
-        evidence = likelihood_size(posterior).log_likelihood + target.prior + used.log_mean
+        evidence = likelihood_size(likelihood, fit).log_likelihood + target.prior + used.log_mean
     return PosteriorCheck(
         first.k_hat,
         first.effective,

@@ -115,15 +115,26 @@ def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Ref
     fit = likelihood.fit(eta)
     misfit = likelihood.misfit(fit)
     damping, before, smallest = _FIRST_DAMPING, 0.0, _LAST_DISTANCE_UNITS * likelihood.priors.units
+    superposes = all(record.superposes for record in likelihood.records)
     for number in range(1, iterations + 1):
         report_progress(f"maximum likelihood, step {number}")
         noise = likelihood.likeliest(fit)
         information = likelihood.information(fit, noise)
         residual = likelihood.weighted(fit, noise)
-        held = likelihood.priors.blocked(fit.eta, information.projected.T @ residual)
+        # Parameters of a joint that never slips or closes have no influence: they stay.
+        idle = ~information.projected.any(axis=0)
+        held = idle | likelihood.priors.blocked(fit.eta, information.projected.T @ residual)
+        deviations = (
+            np.linalg.norm(information.root_of(~idle), axis=1) if idle.any() else information.deviations()
+        )
+        is_unbounded = likelihood.priors.open(deviations).any()
         # Of a direction that only limits determine, a part of their distance.
-        deviations = np.fmin(information.deviations(), likelihood.priors.spreads)
-        better, negligible = None, np.maximum(_LAST_DISTANCE_DEVIATIONS * deviations, smallest)
+        deviations = np.fmin(deviations, likelihood.priors.spreads)
+        held_up, better, negligible = (
+            False,
+            None,
+            np.maximum(_LAST_DISTANCE_DEVIATIONS * deviations, smallest),
+        )
         while better is None and damping <= _MAX_DAMPING:
             step = _damped_step(information.without(held), residual, damping, likelihood.priors.units)
             step = np.where(held, 0.0, step)
@@ -132,6 +143,7 @@ def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Ref
                 target = _bounded_target(likelihood, information, residual, damping, fit.eta)
             better, step = _improved(likelihood, target, noise, misfit), target - fit.eta
             damping *= 1.0 if better else 10.0
+            held_up |= better is None
             if better is None and np.all(np.abs(step) <= _MIN_STEP_RATIO * negligible):
                 break
         if better is None:  # no step improves: rounding is all that is left
@@ -141,11 +153,17 @@ def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Ref
         size = float(np.max(np.abs(step) / negligible))
         # The sum of all steps to come, after two of these sizes: a geometric series.
         left = size * size / (before - size) if size < before / 2 else size
-        is_open = damping > _MIN_DAMPING and likelihood.priors.open(information.deviations()).any()
+        is_open = damping > _MIN_DAMPING and is_unbounded
         if left <= 1.0 and not is_open:
             return Refined(fit, number)
         # Damping holds up the pull to the middle of limits where the records leave a direction open.
-        damping, before = _MIN_DAMPING if left <= 1.0 else max(damping / 10, _MIN_DAMPING), size
+        if left <= 1.0:
+            damping = _MIN_DAMPING
+        elif (
+            not held_up or superposes
+        ):  # in curved valleys a shorter step than the last one would be refused again
+            damping = max(damping / 10, _MIN_DAMPING)
+        before = size
     return Refined(fit, iterations)
 
 

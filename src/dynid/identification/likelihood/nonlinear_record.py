@@ -33,12 +33,13 @@ from dynid.identification.systems.structure_system import StructureSystem
 from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.nonlinear.tables import Refine
 
-# Most steps to the first state, and the change of the sum of squares, relative, below which one is the last.
+# Most steps to the first state, and the change of the sum of squares, relative, below which none is needed.
 _MAX_START_STEPS, _LAST_GAIN = 12, 1e-8
+# Change below which the tangent at the present first state is as good as another march: what it leaves out is
+# of second order in a step that moves the prediction by a hundredth of the residual.
+_TANGENT_GAIN = 1e-4
 # Halvings of a step to the first state that does not improve, and most steps between samples.
 _MAX_HALVINGS, _MAX_PARTS = 6, 64
-# Change of a number of a hidden state in one step, and its largest: tanh is 1 to four digits there.
-_MAX_HIDDEN_STEP, _MAX_HIDDEN = 1.0, 5.0
 
 
 class _Warm(NamedTuple):
@@ -134,46 +135,44 @@ class NonlinearRecord(TimeRecord):
         model = self.model.at_times(self.model.times[kept])
         return replace(self, model=model, data=self.data.within(kept), recorded=None)
 
-    def converged_steps(self, fit: RecordFit) -> bool:
-        """Return True if steps between samples are short enough at a fit; else they are from now on."""
-        hidden = hidden_start(self.model, fit.eta, *np.split(fit.predicted.start, [self.model.states]))
-        needed = steps_needed(self.model, fit.eta, fit.predicted.start[: self.model.states], hidden.z0)
-        enough = bool(needed <= self._kept.get("steps", 1))
-        if not enough:
-            self._kept["steps"] = needed
-        return enough
+    def covering(self, eta: Array, *, narrowed: bool) -> Self:
+        """Return the likelihood with steps that are short enough at coordinates `eta`; itself if they are."""
+        covering, warm = super().covering(eta, narrowed=narrowed), self._kept.get("warm")
+        if warm is None or covering is not self:
+            return covering
+        needed = self._steps_needed(eta, warm.start)
+        if needed <= self._kept["steps"]:
+            return self
+        finer = replace(self)
+        finer._kept["steps"] = needed
+        return finer
+
+    def _steps_needed(self, eta: Array, start: Array) -> int:
+        """Return how many steps each interval needs for an error below that of `steps_needed`."""
+        x0, numbers = np.split(start, [self.model.states])
+        # Halving those changes the motion by less than its tolerance: the longer ones are exact to that.
+        return max(1, steps_needed(self.model, eta, x0, hidden_start(self.model, eta, x0, numbers).z0) // 2)
 
     def _fitted(self, eta: Array, values: Array, level: Array) -> tuple[Array, Prediction, Array]:
         """Return first and hidden states of least squares, and the prediction from them."""
-        n, warm = self.model.states, self._kept.get("warm")
-        start = np.concatenate([self.model.initial, np.zeros(self.hidden)])
-        candidates = [start]
-        if warm is not None:  # where the first states follow the parameters
-            follows = warm.start + warm.by_parameter @ np.clip(eta - warm.eta, -1.0, 1.0)
-            candidates = [follows, warm.start, start]
-        current, failure = None, None
-        for candidate in candidates:
-            try:
-                current = self._evaluated(eta, self._limited(candidate), values, level)
-                break
-            except DynidError as error:
-                failure = failure or error
-        if current is None:
-            assert failure is not None
-            raise failure
+        current = self._begun(eta, values, level)
         for _ in range(_MAX_START_STEPS):
-            squares, start, prediction, _, rows = current
-            by_start = rows[:, : self.nuisances] @ self.root
-            number = least_squares(by_start, rows[:, -1], STATE_RANK)
-            if squares - float(np.sum((rows[:, -1] - by_start @ number) ** 2)) <= _LAST_GAIN * squares:
+            squares, start, prediction, slopes, rows = current
+            shift, left, free = self._start_step(start, rows)
+            gain = squares - left
+            if gain <= _LAST_GAIN * squares:
                 break
-            shift = self.root @ number
-            largest = float(np.abs(shift[n:]).max(initial=0.0))
-            shift *= min(1.0, _MAX_HIDDEN_STEP / largest) if largest > 0 else 1.0
+            if gain <= _TANGENT_GAIN * squares:
+                prediction = prediction._replace(
+                    outputs=prediction.outputs + prediction.by_state @ shift,
+                    states=prediction.states + slopes[..., : self.nuisances] @ shift,
+                )
+                current = left, start + shift, prediction, slopes, rows
+                break
             better = None
             for _ in range(_MAX_HALVINGS):
                 try:
-                    trial = self._evaluated(eta, self._limited(start + shift), values, level)
+                    trial = self._evaluated(eta, start + shift, values, level)
                 except DynidError:
                     trial = None
                 if trial is not None and trial[0] < squares:
@@ -186,16 +185,54 @@ class NonlinearRecord(TimeRecord):
                 break
             current = better
         _, start, prediction, slopes, rows = current
-        by_start = rows[:, : self.nuisances] @ self.root
+        by_start = np.where(free, rows[:, : self.nuisances], 0.0) @ self.root
         follow = [least_squares(by_start, column, STATE_RANK) for column in rows[:, self.nuisances : -1].T]
         moved = -self.root @ np.array(follow).reshape(-1, self.nuisances).T
         self._kept["warm"] = _Warm(eta, start, moved)
+        # A hidden state at the end of its range is no free direction there.
+        prediction = prediction._replace(by_state=np.where(free, prediction.by_state, 0.0))
         return start, prediction, slopes
 
+    def _begun(
+        self, eta: Array, values: Array, level: Array
+    ) -> tuple[float, Array, Prediction, Array, Array]:
+        """Return what `_evaluated` does at the first states that can be followed, from the likeliest on."""
+        warm = self._kept.get("warm")
+        start = np.concatenate([self.model.initial, np.zeros(self.hidden)])
+        candidates = [start]
+        if warm is not None:  # where the first states follow the parameters
+            follows = warm.start + warm.by_parameter @ np.clip(eta - warm.eta, -1.0, 1.0)
+            candidates = [follows, warm.start, start]
+        failure: DynidError | None = None
+        for candidate in candidates:
+            try:
+                return self._evaluated(eta, self._limited(candidate), values, level)
+            except DynidError as error:
+                failure = failure or error
+        assert failure is not None
+        raise failure
+
+    def _start_step(self, start: Array, rows: Array) -> tuple[Array, float, Array]:
+        """Return the step to the first states of least squares, what it leaves, and which of them are free.
+
+        Hidden states stay within their ranges; those that are not free end where these do.
+        """
+        by_start, right = rows[:, : self.nuisances] @ self.root, rows[:, -1]
+        n, shift, free = self.model.states, np.zeros(self.nuisances), np.ones(self.nuisances, dtype=bool)
+        for _ in range(self.hidden + 1):
+            number = least_squares(np.where(free, by_start, 0.0), right - by_start @ shift, STATE_RANK)
+            step = shift + self.root @ number
+            beyond = free & (np.arange(len(step)) >= n) & (np.abs(start + step) > 1)
+            if not beyond.any():
+                break
+            shift[beyond] = np.sign(start + step)[beyond] - start[beyond]  # the root is 1 there
+            free &= ~beyond
+        return step, float(np.sum((right - by_start @ np.linalg.solve(self.root, step)) ** 2)), free
+
     def _limited(self, start: Array) -> Array:
-        """Return first states with the numbers of hidden ones where their ranges still change."""
+        """Return first states with the numbers of hidden ones within their ranges."""
         n = self.model.states
-        return np.concatenate([start[:n], np.clip(start[n:], -_MAX_HIDDEN, _MAX_HIDDEN)])
+        return np.concatenate([start[:n], np.clip(start[n:], -1.0, 1.0)])
 
     def _evaluated(
         self, eta: Array, start: Array, values: Array, level: Array
@@ -215,7 +252,7 @@ class NonlinearRecord(TimeRecord):
         self.system_model.evaluations += 1
         hidden = hidden_start(self.model, eta, start[:n], start[n:])
         if "steps" not in self._kept:
-            self._kept["steps"] = steps_needed(self.model, eta, start[:n], hidden.z0)
+            self._kept["steps"] = self._steps_needed(eta, start)
         steps = self._kept["steps"]
         while True:
             try:

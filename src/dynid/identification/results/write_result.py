@@ -29,6 +29,8 @@ Everything is below ``identification/``:
 - `equivalent_optima`, where several explain the records equally well: `estimate` of each (the first is that
   of `parameters`), with `log_likelihood` and `log_posterior` less those of the first; `undecided` where
   neither priors nor limits exclude it.
+- `laws`, where candidates are requested: their `log_likelihood`, `bic` and `p`; see
+  `dynid.identification.diagnosis.law_comparison`.
 - `diagnostics`, with a `verdict` and `warnings` in words:
 
   - `optimum`, also called `settled`: `distance_to_optimum`, the Gauss–Newton step left in standard errors, is
@@ -118,6 +120,7 @@ class Further:
 
     derived: DerivedRequest | None = None  # the requested derived quantities; absent: those of small systems
     check: bool = False  # True to check the Gaussian posterior by importance sampling
+    laws: tuple[str, ...] = ()  # candidates for the laws of joints, which are compared
 
 
 def add_identification(
@@ -255,7 +258,7 @@ def _add_diagnostics(result: Result, posterior: Posterior, more: Sequence[str] =
     white = not is_coloured(whiteness_p)
     result.add_all(group, whiteness_p=whiteness_p, white=white, condition=condition)
     if any(result.wants(f"{group}/{name}") for name in ("log_likelihood", "bic")):
-        size = likelihood_size(posterior)
+        size = likelihood_size(posterior.likelihood, posterior.fit)
         result.add_all(group, log_likelihood=size.log_likelihood, bic=size.bic)
         result.add_all(group, observations=size.observations, free_parameters=size.free)
     result.add_all(group, **posterior.estimate.counts, passes=len(posterior.estimate.histories))

@@ -8,8 +8,8 @@ responses to single loads do not add up. ``is_nonlinear(model)`` says which of b
   (``bolt.k3``, ``bolt.fs``, ``bolt.offset``), linear where they may be negative.
 - `x0` (n): first state at the first node of the timeline, scaled by ``model.scale``.
 - `z0` (h): first hidden states of the laws that have one, in the order of `hidden_states(model)`, in the unit
-  of their deflection: of Jenkins the position of the slider, of Bouc-Wen z. `hidden_start` maps unbounded
-  numbers into the range in which a motion may start, with derivatives.
+  of their deflection: of Jenkins the position of the slider, of Bouc-Wen z. `hidden_start` maps numbers from
+  -1 to 1 to the range in which a motion may start, with derivatives.
 - `steps`: regular steps in each interval of the timeline. `steps_needed(model, eta, x0, z0)` chooses them so
   that halving changes the states by less than 1e-7 of the largest; keep them while estimates move, and ask
   again at the end. Raises NumericalError where no number suffices.
@@ -82,7 +82,7 @@ def hidden_states(model: ParametricModel) -> tuple[str, ...]:
 
 
 class HiddenStart(NamedTuple):
-    """First hidden states (h); derivatives by unbounded numbers (h), first state (h x n), eta (h x p)."""
+    """First hidden states (h); derivatives by their numbers (h), first state (h x n), eta (h x p)."""
 
     z0: Array
     by_number: Array
@@ -91,9 +91,9 @@ class HiddenStart(NamedTuple):
 
 
 def hidden_start(model: ParametricModel, eta: Array, x0: Array, numbers: Array) -> HiddenStart:
-    """Return hidden states ``centre + width tanh(s)`` within the range in which a motion may start.
+    """Return hidden states ``centre + width s`` within the range in which a motion may start.
 
-    `numbers` (h): unbounded, 0 is the centre: an unloaded spring of Jenkins, z = 0 of Bouc-Wen.
+    `numbers` (h): s, from -1 to 1; 0 is the centre: an unloaded spring of Jenkins, z = 0 of Bouc-Wen.
     """
     laws, rows = _laws(model, eta), _deflections(model)
     rate = rates(model.unknowns, eta)
@@ -106,7 +106,7 @@ def hidden_start(model: ParametricModel, eta: Array, x0: Array, numbers: Array) 
         d = float(row @ x0)
         centre, width = bound.law.range_of_hidden(bound.values, d)
         width = width if np.isfinite(width) else 1.0
-        out.z0[k], out.by_number[k] = centre + width * np.tanh(s), width / np.cosh(s) ** 2
+        out.z0[k], out.by_number[k] = centre + width * s, width
         out.by_state[k] = row * (centre != 0 or d == centre)
         for place, slopes in enumerate(law.slopes[:-1]):
             step = 1e-6 * (abs(bound.values[place]) or 1.0)
@@ -115,7 +115,7 @@ def hidden_start(model: ParametricModel, eta: Array, x0: Array, numbers: Array) 
             moved[1][place] -= step
             high, low = (bound.law.range_of_hidden(values, d)[1] for values in moved)
             if np.isfinite(high) and np.isfinite(low):
-                change = np.tanh(s) * (high - low) / (2 * step)
+                change = s * (high - low) / (2 * step)
                 for name, slope in slopes.items():
                     p = _place(model, name)
                     out.by_parameter[k, p] += change * slope * rate[p]

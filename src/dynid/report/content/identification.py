@@ -49,7 +49,7 @@ _BADLY = 1e3
 _RESIDUAL_ROUND_OFF = 1e-11
 _MEASURED, _DIAGNOSTICS = "identification/measurement", "identification/diagnostics"
 _PARAMETERS, _REJECTED = "identification/parameters", "identification/rejected"
-_NONLINEARITY = "identification/nonlinearity"
+_NONLINEARITY, _LAWS = "identification/nonlinearity", "identification/laws"
 
 
 def method(result: Result) -> str:
@@ -106,6 +106,30 @@ def _estimate_sections(result: Result) -> Iterator[ReportSection]:
     yield ReportSection("Parameters", (_parameter_table(result),), "answer", screen="")
     yield ReportSection("Parameters", (verdict, *doubts), "answer", screen="")
     yield ReportSection(title, tuple(said for said in statements if said.tone != "bad"), screen="")
+    if f"{_LAWS}/name" in result:
+        yield _compared_laws(result)
+
+
+def _compared_laws(result: Result) -> ReportSection:
+    """Return the candidates for the laws of joints."""
+    names, log_likelihood, bic, p, apart = (
+        result[f"{_LAWS}/{column}"].data
+        for column in ("name", "log_likelihood", "bic", "p", "distinguishable")
+    )
+    best = float(np.nanmin(bic))
+    rows = tuple(
+        (
+            str(names[k]),
+            "-" if np.isnan(log_likelihood[k]) else f"{log_likelihood[k]:.1f}",
+            "-" if np.isnan(bic[k]) else f"{bic[k] - best:.1f}",
+            "" if np.isnan(p[k]) else p_text(p[k]).removeprefix("p ").removeprefix("= "),
+            "yes" if apart[k] else "no",
+        )
+        for k in range(len(names))
+    )
+    heads = ("law", "log likelihood", "BIC - least", "p against linear", "distinguishable")
+    verdict = Statement(str(result.group_attrs[_LAWS]["verdict"]))
+    return ReportSection("Laws of joints", (TextTable(heads, rows, brief=ALL).filled(), verdict), screen="")
 
 
 def _computed_modes(result: Result) -> ReportSection:

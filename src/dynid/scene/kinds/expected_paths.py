@@ -124,6 +124,7 @@ _NEEDS: dict[str, tuple[str, str]] = {
         f"identification/{name}": (key, _COMES_WITH.format(group=name, cause=cause))
         for name, key, cause in (
             ("robust", "huber", "the loss 'huber' of the 'estimator'"),
+            ("laws", "estimator.laws", "candidates: the 'laws' of the 'estimator'"),
             ("posterior", "posterior_check", "'posterior_check: true'"),
             ("identifiability", "identifiability", "'identifiability: true'"),
             ("modes", "measurement.modes", "measured 'modes'"),

@@ -194,8 +194,9 @@ def further_of(model: IdentificationScene) -> Further:
     from dynid.scene.kinds.signals import angular_frequencies
 
     if model.derived is None:
-        return Further(check=model.posterior_check)
+        return Further(check=model.posterior_check, laws=tuple(model.estimator.laws))
     analysis = model.responses or model.graph_analysis
     grid = analysis.frequency if analysis else None
     omega = None if grid is None else angular_frequencies(grid)
-    return Further(DerivedRequest(tuple(model.derived), omega), model.posterior_check)
+    request = DerivedRequest(tuple(model.derived), omega)
+    return Further(request, model.posterior_check, tuple(model.estimator.laws))

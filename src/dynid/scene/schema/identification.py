@@ -58,6 +58,10 @@ _OPTIONS = {
 _ROBUST = ("auto", "output-error")
 
 
+LawKind = Literal["linear", "power", "cubic", "quadratic_damping", "jenkins", "bouc_wen", "gap", "expression"]
+"""A candidate for the law of a joint; ``linear``: none."""
+
+
 class EstimatorModel(Section):
     """Method of identification and its options."""
 
@@ -68,6 +72,17 @@ class EstimatorModel(Section):
     input_deviation: NotNegative | None = None
     tolerance: float | None = Field(default=None, ge=1e-12, le=1e-2, strict=True)
     loss: Literal["squares", "huber"] = "squares"
+    laws: list[LawKind] = Field(default=[], max_length=10)
+
+    @model_validator(mode="after")
+    def _candidates_differ(self) -> Self:
+        if len(self.laws) == 1:
+            raise fault("'laws' are compared with each other: name two or more, such as [linear, cubic]")
+        if len(set(self.laws)) < len(self.laws):
+            raise fault("'laws' names a law twice")
+        if self.laws and self.loss == "huber":
+            raise fault("'laws' are compared by their likelihood, which the loss 'huber' has not")
+        return self
 
     @model_validator(mode="after")
     def _options_fit(self) -> Self:
@@ -76,7 +91,7 @@ class EstimatorModel(Section):
                 f"the loss 'huber' belongs to the methods {' and '.join(_ROBUST)}; the method "
                 f"'{self.method}' has none: leave 'loss' out, or change 'method'"
             )
-        for option in self.model_fields_set - {"method", "loss"}:
+        for option in self.model_fields_set - {"method", "loss", "laws"}:
             method = _OPTIONS[option]
             if self.method != method:
                 raise fault(f"'{option}' belongs to the method '{method}', not to '{self.method}'")
@@ -249,6 +264,25 @@ class IdentificationScene(ComposedScene):
             raise fault("the analysis needs its 'outputs'; there are no channels to take them from")
         if responses and responses.frequency and not (responses.inputs or self.excitation or frf):
             raise fault("the analysis needs its 'inputs'; there is no excitation to take them from")
+        return self
+
+    @model_validator(mode="after")
+    def _candidates_fit(self) -> Self:
+        laws = self.estimator.laws
+        if not laws:
+            return self
+        if self.measurement is None or self.graph is not None:
+            raise fault("the 'laws' of an estimator are of joints, and compared by a record of time")
+        if self.measurement.frf is not None or self.measurement.modes is not None:
+            raise fault(
+                "frequency responses and modes are linear: they cannot compare 'laws' of joints; a record of "
+                "time can"
+            )
+        stated = {law.kind for _, joint in sections(self.joints, JointModel) for law in joint.laws}
+        if incomplete := [law for law in laws if law in ("power", "expression") and law not in stated]:
+            raise fault(
+                f"the law '{incomplete[0]}' needs more than its kind: state it among the 'laws' of the joint"
+            )
         return self
 
     @model_validator(mode="after")
