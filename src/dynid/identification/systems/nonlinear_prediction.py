@@ -18,8 +18,8 @@ responses to single loads do not add up. ``is_nonlinear(model)`` says which of b
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -136,14 +136,16 @@ def predicted(
     Raises Refine if the steps are too long.
     """
     model = model.moved(eta)
-    n, p, laws = model.states, model.parameters, _laws(model, eta)
-    matrices = _matrices(model, eta)
-    rest, columns = _rest(model, eta, matrices, laws, sensitive=sensitive)
+    prepared = _Prepared.of(model, eta)
+    n, p, laws, matrices, direct = (
+        model.states, model.parameters, prepared.laws, prepared.matrices, prepared.direct
+    )  # fmt: skip
+    rest, columns = prepared.rest(model, sensitive=sensitive)
     hidden = np.flatnonzero([law.bound.law.hidden for law in laws])
     z = np.zeros(len(laws))
     z[hidden] = z0
     motion = march(rest, [law.bound for law in laws], _steps(model, steps), x0, z, columns, first=sensitive)
-    direct, nf = model.direct(eta), rest.forces
+    nf = rest.forces
     through, through_slopes = matrices.D[0][:, -nf:], matrices.D_slopes[:, 0, :, -nf:]
     outputs = motion.states @ matrices.C.T + motion.forces @ through.T + direct.value
     moved = np.einsum("cn,tnq->tcq", matrices.C, motion.slopes)
@@ -172,11 +174,41 @@ def predicted(
 def steps_needed(model: ParametricModel, eta: Array, x0: Array, z0: Array) -> int:
     """Return how many regular steps each interval needs, as of `accurate_march`."""
     model = model.moved(eta)
-    laws = _laws(model, eta)
-    rest, _ = _rest(model, eta, _matrices(model, eta), laws, sensitive=False)
+    prepared = _Prepared.of(model, eta)
+    laws, (rest, _) = prepared.laws, prepared.rest(model, sensitive=False)
     z = np.zeros(len(laws))
     z[[law.bound.law.hidden for law in laws]] = z0
     return accurate_march(rest, [law.bound for law in laws], model.line, x0, z)[1].parts
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    """What predictions from all first states share at coordinates `eta` of the parameters."""
+
+    eta: Array
+    laws: Sequence[ModelLaw]
+    matrices: Matrices
+    direct: Any  # what the channels have beside states and forces
+    _rests: dict[bool, tuple[LinearRest, Columns | None]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, model: ParametricModel, eta: Array) -> Self:
+        """Return it, kept with the model until there are other coordinates; it does not hold the model."""
+        kept = _PREPARED.get(model)
+        if kept is None or not np.array_equal(kept.eta, eta):
+            kept = _PREPARED[model] = cls(
+                eta.copy(), _laws(model, eta), _matrices(model, eta), model.direct(eta)
+            )
+        return kept
+
+    def rest(self, model: ParametricModel, *, sensitive: bool) -> tuple[LinearRest, Columns | None]:
+        """Return the linear rest of a march, and what parameters act on."""
+        if sensitive not in self._rests:
+            self._rests[sensitive] = _rest(model, self.eta, self.matrices, self.laws, sensitive=sensitive)
+        return self._rests[sensitive]
+
+
+_PREPARED: WeakKeyDictionary[ParametricModel, Any] = WeakKeyDictionary()
 
 
 def _steps(model: ParametricModel, parts: int) -> Steps:
