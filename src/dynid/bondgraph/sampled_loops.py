@@ -58,7 +58,7 @@ _LINES = "with a line (TL) between samples there is no finite polynomial in z; s
 _CONFUSED = 1e-3
 
 
-class CutGraph(NamedTuple):
+class _CutGraph(NamedTuple):
     """A graph whose sampled loops are cut, driven by what they hold."""
 
     graph: BondGraph
@@ -68,7 +68,7 @@ class CutGraph(NamedTuple):
     delayed: tuple[tuple[str, Port], ...] = ()  # of lines: what arrives, a source, and what leaves
 
 
-def cut_graph(opened: BondGraph, loops: Sequence[Loop], lines: Sequence[Loop] = ()) -> CutGraph:
+def cut_graph(opened: BondGraph, loops: Sequence[Loop], lines: Sequence[Loop] = ()) -> _CutGraph:
     """Return a graph with its loops cut, each with a source in place of its answer, and lines cut open."""
     names = {*opened.nodes, *(name for loop in loops for name in (loop.reference, loop.setpoint))}
     cut = list[Loop]()
@@ -78,7 +78,7 @@ def cut_graph(opened: BondGraph, loops: Sequence[Loop], lines: Sequence[Loop] = 
         names.add(cut[-1].reference)
     closed = close_loops(opened, [*cut, *lines], cut=True)
     held = tuple(loop.reference for loop in cut)
-    return CutGraph(closed.graph, held, closed.answered[: len(cut)], closed.variables, closed.delayed)
+    return _CutGraph(closed.graph, held, closed.answered[: len(cut)], closed.variables, closed.delayed)
 
 
 class SampledLoops:

@@ -18,7 +18,7 @@ from dynid.bondgraph.graph import ACTIVATED, Bond, Node, NodeType, Port
 from dynid.bondgraph.reduction.junctions import unique
 
 
-class ExpandedLine(NamedTuple):
+class _ExpandedLine(NamedTuple):
     """The nodes and bonds that a line stands for, and its loops."""
 
     nodes: list[Node]
@@ -27,7 +27,9 @@ class ExpandedLine(NamedTuple):
     ends: tuple[str, str]  # the junctions that bonds of the line attach to: in, out
 
 
-def expand_line(name: str, impedance: Real, delay: Real, domain: str, names: Collection[str]) -> ExpandedLine:
+def expand_line(
+    name: str, impedance: Real, delay: Real, domain: str, names: Collection[str]
+) -> _ExpandedLine:
     """Return what a line of a characteristic impedance and a delay, s, stands for."""
     nodes, bonds, used = list[Node](), list[Bond](), set(names)
 
@@ -60,4 +62,4 @@ def expand_line(name: str, impedance: Real, delay: Real, domain: str, names: Col
         Loop(Port(wave, "f"), arriving, [Fraction(-1)], [Fraction(1)], delay=delay, line=name)
         for wave, arriving in zip(waves, arrivals[::-1], strict=True)
     ]
-    return ExpandedLine(nodes, bonds, loops, (ends[0], ends[1]))
+    return _ExpandedLine(nodes, bonds, loops, (ends[0], ends[1]))

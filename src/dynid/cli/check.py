@@ -166,7 +166,7 @@ def _explanation_lines(explanation: Explanation) -> Iterator[str]:
     )
 
 
-def cost_lines(answer: Explained, loading: float) -> Iterator[str]:
+def _cost_lines(answer: Explained, loading: float) -> Iterator[str]:
     """Yield the cost of a run; `loading` are the seconds in which a scene is read, a part of every run."""
     from dynid.scene.explanations.explanation import LIMIT
 
@@ -342,4 +342,4 @@ def _explained(
 
     with showing(quiet):
         answer = explained(scene, overrides)
-    return [*answer.lines, *cost_lines(answer, loading), *answer.failure], answer.code
+    return [*answer.lines, *_cost_lines(answer, loading), *answer.failure], answer.code

@@ -266,7 +266,7 @@ def new(
         replace_file(str(target), scene)
     else:
         replace_file(str(target), f"# yaml-language-server: $schema={_SCHEMA}\n".encode() + scene)
-        schema, content = target.parent / _SCHEMA, f"{schema_text()}\n".encode()
+        schema, content = target.parent / _SCHEMA, f"{_schema_text()}\n".encode()
         if not schema.is_file() or schema.read_bytes() != content:
             replace_file(str(schema), content)
             click.echo(f"wrote {schema} (key completion in editors)")
@@ -355,11 +355,11 @@ def schema(kind: str | None) -> int:
 
     if kind is not None:
         refuse_unknown(kind, KINDS, "kind")
-    click.echo(schema_text(kind))
+    click.echo(_schema_text(kind))
     return 0
 
 
-def schema_text(kind: str | None = None) -> str:
+def _schema_text(kind: str | None = None) -> str:
     """Return the JSON Schema (draft 7) of the scenes of a kind, or of all kinds."""
     from dynid.scene.kind import KINDS
     from dynid.scene.schema.json_schema import scene_schema

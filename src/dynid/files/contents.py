@@ -33,7 +33,7 @@ _LEAST_ROWS = 4
 _MAX_NAMED = 12
 
 
-class FileEntry(NamedTuple):
+class _FileEntry(NamedTuple):
     """One thing in a file: its name in scenes, what it is, its size, unit, step and start (s), remarks."""
 
     name: str
@@ -45,16 +45,16 @@ class FileEntry(NamedTuple):
     note: str = ""
 
 
-class FileContents(NamedTuple):
+class _FileContents(NamedTuple):
     """The format of a file, what is in it, lines of a scene that read it, and what could not be read."""
 
     format: str
-    entries: list[FileEntry]
+    entries: list[_FileEntry]
     scene: list[str]
     faults: list[str]
 
 
-def contents_of(path: Path) -> FileContents:
+def contents_of(path: Path) -> _FileContents:
     """Return what is in a file.
 
     Raises `FileError` where the file cannot be read as any format with its ending.
@@ -68,7 +68,7 @@ def contents_of(path: Path) -> FileContents:
         for form in FORMATS
         if suffix in form.extensions and (form.recognised is None or form.recognised(start))
     ]
-    entries: list[FileEntry] = []
+    entries: list[_FileEntry] = []
     scene: list[str] = []
     faults: list[str] = []
     names: list[str] = []
@@ -84,7 +84,7 @@ def contents_of(path: Path) -> FileContents:
             except DynidError as error:
                 faults += [] if form.name in _GUESSED else [str(error)]
                 continue
-            entries += [item for item in listed if isinstance(item, FileEntry)]
+            entries += [item for item in listed if isinstance(item, _FileEntry)]
             scene += [item for item in listed if isinstance(item, str)]
             names += [form.name] if listed else []
             listed_contents |= {content} if listed else set()
@@ -99,7 +99,7 @@ def contents_of(path: Path) -> FileContents:
         )
         remedy = "" if formats else f"Formats end in {', '.join(_endings())}."
         raise FileError(f"{path} {what}", remedy=remedy)
-    return FileContents(" or ".join(dict.fromkeys(names)), entries, scene, [*dict.fromkeys(faults)])
+    return _FileContents(" or ".join(dict.fromkeys(names)), entries, scene, [*dict.fromkeys(faults)])
 
 
 def _listers(form: FileFormat) -> dict[str, _Lister]:
@@ -113,7 +113,7 @@ def _endings() -> list[str]:
     return list(dict.fromkeys(ending for form in FORMATS for ending in form.extensions))
 
 
-_Listed: TypeAlias = Iterator[FileEntry | str]
+_Listed: TypeAlias = Iterator[_FileEntry | str]
 _Lister: TypeAlias = Callable[[FileFormat, Path], _Listed]
 
 
@@ -173,7 +173,7 @@ def _recording(form: FileFormat, path: Path) -> _Listed:
         if columns_of and number != "0" and _LEAST_ROWS * stems[columns_of] > channel.length:
             continue  # of a matrix, which is listed as such
         if channel.what:
-            yield FileEntry(channel.path, channel.what, str(channel.length))
+            yield _FileEntry(channel.path, channel.what, str(channel.length))
             continue
         clock = recording.time_of(channel, recording.channels)
         times = None
@@ -181,10 +181,10 @@ def _recording(form: FileFormat, path: Path) -> _Listed:
             times = np.asarray(recording.array(clock.values), dtype=float)
         elif channel.times or channel.step:
             times = recording.times(channel)
-        step = round_step(times)
+        step = _round_step(times)
         start = None if times is None or not len(times) else float(times[0])
         what = "times" if clock is channel else "channel"
-        yield FileEntry(channel.path, what, str(channel.length), channel.heading[1], step, start)
+        yield _FileEntry(channel.path, what, str(channel.length), channel.heading[1], step, start)
         if what == "channel":
             group = groups.setdefault((channel.group, channel.length, step, start), {})
             group[channel.name] = channel.heading[1]
@@ -197,7 +197,7 @@ def _recording(form: FileFormat, path: Path) -> _Listed:
             yield from _scene_of_record(path, keys, columns, samples, step)
 
 
-def round_step(times: np.ndarray | None) -> float | None:
+def _round_step(times: np.ndarray | None) -> float | None:
     """Return the median step of times, that of a whole rate within rounding; None of fewer than two."""
     if times is None or len(times) < 2:
         return None
@@ -214,7 +214,7 @@ def _workbook(_: FileFormat, path: Path) -> _Listed:
         try:
             table = read_lines(file, lines_of(file, sheet))
         except FileError as error:
-            yield FileEntry(sheet, "sheet", note=f"not read: {error}")
+            yield _FileEntry(sheet, "sheet", note=f"not read: {error}")
             continue
         yield from _table(table, path, f", sheet: {_word(sheet)}", f"{sheet}: ")
 
@@ -239,21 +239,23 @@ def _text(form: FileFormat, path: Path) -> _Listed:
     assert responses is not None
     for number, heading in enumerate(responses.headings, 1):
         name, size = heading.name or f"column {number}", str(len(responses.omega))
-        yield FileEntry(name, "frequency response", size, heading.unit)
+        yield _FileEntry(name, "frequency response", size, heading.unit)
     unit = "" if responses.of_lines.unit else ", unit: Hz"
     yield f"measurement: {{frf: {{file: {{path: {_word(path.name)}}}{unit}}}, channels: […]}}"
 
 
 def _table(table: DataTable, path: Path, keys: str = "", above: str = "") -> _Listed:
     """Yield the columns of a table."""
-    step = round_step(table.times)
+    step = _round_step(table.times)
     rows = len(table.values)
     columns: dict[str | int, str] = {}
     for number in range(table.values.shape[1]):
         name, unit, doubt = table.heading(number)
         what = "column" if number in table.data else "times"
         start = None if table.times is None or not rows else float(table.times[0])
-        yield FileEntry(f"{above}{name or f'column {number + 1}'}", what, str(rows), unit, step, start, doubt)
+        yield _FileEntry(
+            f"{above}{name or f'column {number + 1}'}", what, str(rows), unit, step, start, doubt
+        )
         if what == "column":
             columns[name if name and table.names.count(table.names[number]) == 1 else number + 1] = unit
     if {"frequency", "eigenvalue"} & {*columns}:
@@ -269,11 +271,11 @@ def _matrices(form: FileFormat, path: Path) -> _Listed:
     for name, shape in members.items():
         if isinstance(shape, str):
             if form.recording is None or not shape.startswith("an array of"):  # of one axis, and listed
-                yield FileEntry(name, shape)
+                yield _FileEntry(name, shape)
         elif len(shape) == 2 and min(shape) > 1:
-            yield FileEntry(name, "matrix", _size(shape))
+            yield _FileEntry(name, "matrix", _size(shape))
         elif form.recording is None:
-            yield FileEntry(name, "vector", _size(shape))
+            yield _FileEntry(name, "vector", _size(shape))
     roles = {role: named_as(shapes, role)[:1] for role in ("mass", "stiffness", "damping", "A", "B")}
     quoted = {
         role: f"{role}: {{path: {_word(path.name)}, name: {_word(names[0])}}}"
@@ -291,7 +293,7 @@ def _matrix(form: FileFormat, path: Path) -> _Listed:
     assert form.matrix is not None
     matrix = form.matrix(path).matrix
     entries = int(matrix.nnz) if is_sparse(matrix) else int(np.count_nonzero(matrix))
-    yield FileEntry(path.name, "matrix", _size(matrix.shape), note=f"{entries} entries")
+    yield _FileEntry(path.name, "matrix", _size(matrix.shape), note=f"{entries} entries")
     stem = path.stem.lower()
     usual = (role for role in ("mass", "stiffness") if any(name.lower() in stem for name in USUAL[role][1:]))
     role = next(usual, "stiffness")
@@ -311,25 +313,25 @@ def _nodes(form: FileFormat, path: Path) -> _Listed:
         f"{axis} {low:.6g} to {high:.6g}"
         for axis, low, high in zip("xyz", xyz.min(axis=0), xyz.max(axis=0), strict=True)
     )
-    yield FileEntry("nodes", "nodes", str(len(xyz)), note=extent)
+    yield _FileEntry("nodes", "nodes", str(len(xyz)), note=extent)
     for name, members in stored.nodes.sets.items():
-        yield FileEntry(name, "set of nodes", str(len(members)))
+        yield _FileEntry(name, "set of nodes", str(len(members)))
     if stored.modes is not None:
-        yield FileEntry("modes", "modes", str(len(stored.modes.frequencies)))
+        yield _FileEntry("modes", "modes", str(len(stored.modes.frequencies)))
     yield f"structure: {{matrices: {{…, nodes: {_word(path.name)}}}}}"
 
 
 def _mesh(form: FileFormat, path: Path) -> _Listed:
     assert form.mesh is not None
     mesh = form.mesh(path, ())
-    yield FileEntry("mesh", "nodes", str(len(mesh.xyz)))
+    yield _FileEntry("mesh", "nodes", str(len(mesh.xyz)))
     for kind, cells in mesh.cells:
         if len(cells):
-            yield FileEntry(kind, "elements", str(len(cells)))
+            yield _FileEntry(kind, "elements", str(len(cells)))
     for name, parts in mesh.groups.items():
-        yield FileEntry(str(name), "group of elements", str(sum(len(part) for part in parts)))
+        yield _FileEntry(str(name), "group of elements", str(sum(len(part) for part in parts)))
     for name, members in mesh.sets.items():
-        yield FileEntry(str(name), "set of nodes", str(len(members)))
+        yield _FileEntry(str(name), "set of nodes", str(len(members)))
     if any(len(cells) for _, cells in mesh.cells):
         yield f"structure: {{solid: {{mesh: {_word(path.name)}, materials: …}}}}"
 
@@ -348,7 +350,7 @@ def _functions(form: FileFormat, path: Path) -> _Listed:
         kinds.append(function.kind)
         what = _KINDS.get(function.kind, f"function of type {function.kind}")
         unit, note = function.units.stated, " over ".join(ends)
-        yield FileEntry(function.name, what, str(function.points), unit, even, None, note)
+        yield _FileEntry(function.name, what, str(function.points), unit, even, None, note)
     if 4 in kinds:
         yield f"measurement: {{frf: {{file: {{path: {_word(path.name)}}}}}, channels: all}}"
     elif 0 in kinds or 1 in kinds:
@@ -364,11 +366,11 @@ def _modes(form: FileFormat, path: Path) -> _Listed:
     try:
         modes = form.modes(DataFile(path), {})
     except FileError as error:
-        yield FileEntry("results", "not read", note=error.problem.removeprefix(f"{path} "))
+        yield _FileEntry("results", "not read", note=error.problem.removeprefix(f"{path} "))
         return
     hertz = modes.frequency / (2 * np.pi)
     band = f"{hertz.min():.6g} to {hertz.max():.6g} Hz" if len(hertz) else ""
-    yield FileEntry("modes", "modes", f"{len(hertz)} at {len(modes.dofs)} DOFs", note=band)
+    yield _FileEntry("modes", "modes", f"{len(hertz)} at {len(modes.dofs)} DOFs", note=band)
     yield f"measurement: {{modes: {{file: {_word(path.name)}}}}}"
 
 

@@ -28,7 +28,7 @@ _BYTES_A_SECOND = 5_000_000
 _MAX_CHANNELS = 10_000
 
 
-class Parsed(NamedTuple):
+class _Parsed(NamedTuple):
     """A channel as its package reads it; values that are no numbers are None, and `what` names them."""
 
     channel: RecordedChannel
@@ -41,7 +41,7 @@ class _Recorder(NamedTuple):
 
     what: str
     package: str
-    parse: Callable[[str], Iterator[Parsed]]
+    parse: Callable[[str], Iterator[_Parsed]]
 
 
 def recording(name: str, file: DataFile) -> Recording:
@@ -153,7 +153,7 @@ def _plain(channel: RecordedChannel, values: Any) -> tuple[RecordedChannel, Any]
     return channel._replace(length=len(values)), values
 
 
-def _tdms(path: str) -> Iterator[Parsed]:
+def _tdms(path: str) -> Iterator[_Parsed]:
     """Yield the channels of a TDMS file of National Instruments, scaled, with the clocks of waveforms."""
     from nptdms import TdmsFile
 
@@ -175,7 +175,7 @@ def _tdms(path: str) -> Iterator[Parsed]:
                 else 0.0
             )
             unit = properties.get("unit_string") or properties.get("NI_UnitDescription") or ""
-            yield Parsed(
+            yield _Parsed(
                 RecordedChannel(
                     channel.name,
                     channel.group_name,
@@ -188,7 +188,7 @@ def _tdms(path: str) -> Iterator[Parsed]:
             )
 
 
-def _mf4(path: str) -> Iterator[Parsed]:
+def _mf4(path: str) -> Iterator[_Parsed]:
     """Yield the channels of a measurement data file (ASAM MDF), converted, with the times of their groups."""
     mdf: Any = import_module("asammdf").MDF
     with mdf(path, process_bus_logging=False) as stored:
@@ -205,7 +205,7 @@ def _mf4(path: str) -> Iterator[Parsed]:
                 channel = RecordedChannel(
                     str(signal.name), name, str(signal.unit or "").strip(), len(signal.samples), step=step
                 )
-                yield Parsed(channel, _valid(signal), times)
+                yield _Parsed(channel, _valid(signal), times)
 
 
 def _valid(signal: Any) -> Any:
@@ -216,7 +216,7 @@ def _valid(signal: Any) -> Any:
     return np.where(np.asarray(invalid, dtype=bool), np.nan, samples.astype(float))
 
 
-def _wav(path: str) -> Iterator[Parsed]:
+def _wav(path: str) -> Iterator[_Parsed]:
     """Yield the channels of a WAV file; integers are divided by their full scale and reach from -1 to 1."""
     from scipy.io import wavfile
 
@@ -229,10 +229,10 @@ def _wav(path: str) -> Iterator[Parsed]:
     columns = samples.reshape(len(samples), -1)
     for number in range(columns.shape[1]):
         channel = RecordedChannel(f"channel {number + 1}", "", "", len(columns), step=1 / rate)
-        yield Parsed(channel, columns[:, number])
+        yield _Parsed(channel, columns[:, number])
 
 
-def _parquet(path: str) -> Iterator[Parsed]:
+def _parquet(path: str) -> Iterator[_Parsed]:
     """Yield the columns of a Parquet file, with the units in their metadata."""
     from pyarrow import parquet, types  # type: ignore[import-untyped, unused-ignore]
 
@@ -251,9 +251,9 @@ def _parquet(path: str) -> Iterator[Parsed]:
         channel = RecordedChannel(field.name, "", unit, len(column))
         if numeric or types.is_temporal(field.type) or types.is_decimal(field.type):
             decimal = types.is_decimal(field.type)
-            yield Parsed(channel, (column.cast("float64") if decimal else column).to_numpy())
+            yield _Parsed(channel, (column.cast("float64") if decimal else column).to_numpy())
         else:
-            yield Parsed(
+            yield _Parsed(
                 channel._replace(what="text" if types.is_string(field.type) else str(field.type)[:40])
             )
 

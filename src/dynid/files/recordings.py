@@ -252,14 +252,14 @@ def _check_one_clock(recording: Recording, channels: Sequence[RecordedChannel]) 
                 same = near and abs(channel.step - first.step) * first.length <= _ONE_CLOCK_TOL * first.step
         if not same:
             recording.file.refuse(
-                f"has channels of different clocks: {clock_text(recording, first)}; "
-                f"{clock_text(recording, channel)}",
+                f"has channels of different clocks: {_clock_text(recording, first)}; "
+                f"{_clock_text(recording, channel)}",
                 _ONE_CLOCK_REMEDY,
                 key="columns",
             )
 
 
-def clock_text(recording: Recording, channel: RecordedChannel) -> str:
+def _clock_text(recording: Recording, channel: RecordedChannel) -> str:
     """Return name, number of samples, step and start of a channel in words."""
     start, step = channel.start, channel.step
     if channel.times and channel.length > 1:

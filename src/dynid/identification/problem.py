@@ -77,7 +77,7 @@ class SharedRecords:
             models = [_model_of_record(model, experiment) for experiment in experiments]
             records_built = zip(models, experiments, clean, strict=True)
             records = tuple(
-                record_class(built).of(
+                _record_class(built).of(
                     built, data(truth, *experiment, values).without_noise(), experiment, len(models)
                 )
                 for built, experiment, values in records_built
@@ -127,7 +127,7 @@ class Problem:
         # Spreads of offsets and delays are those of each record: models that have others are not shared.
         if common is not None and common.models and common.models[0].unknowns == model.unknowns:
             shared = zip(common.models, values, problem.experiments, strict=True)
-            records = tuple(record_class(record[0]).of(*record, len(values)) for record in shared)
+            records = tuple(_record_class(record[0]).of(*record, len(values)) for record in shared)
             return replace(problem, likelihood=TimeLikelihood(records, noiseless=common.ideal))
         return replace(problem, likelihood=problem.likelihood_of(model, values))
 
@@ -171,7 +171,7 @@ class Problem:
         sharing = len(self.measurements)
         if isinstance(measurement, Experiment):
             built = _model_of_record(model, measurement)
-            return record_class(built).of(built, values, measurement, sharing)
+            return _record_class(built).of(built, values, measurement, sharing)
         if isinstance(measurement, FrfMeasurement):
             return FrfRecord.of(model, measurement, values, sharing)
         from dynid.identification.likelihood.modal_record import ModalRecord  # of modal surveys alone
@@ -269,7 +269,7 @@ def _model_of_record(model: Model, experiment: Experiment) -> ParametricModel:
     return parametric_model(model, loads, experiment.measurement.channels, record.times)
 
 
-def record_class(model: ParametricModel) -> type[TimeRecord]:
+def _record_class(model: ParametricModel) -> type[TimeRecord]:
     """Return the class of the likelihood of a record with this model."""
     if not (isinstance(model.system, StructureSystem) and model.system.model.nonlinear):
         return TimeRecord

@@ -21,7 +21,7 @@ Kind = Literal["high_pass", "low_pass", "integrator"]
 Shape = Literal["butterworth", "bessel"]
 
 
-class FilterMatrices(NamedTuple):
+class _FilterMatrices(NamedTuple):
     """``z' = A z + b y``, output ``c z + d y``, and derivatives of A and b by the corner."""
 
     A: Array
@@ -57,16 +57,16 @@ class Filter:
         upper, real = poles[poles.imag > 1e-9], poles[np.abs(poles.imag) <= 1e-9].real
         return np.concatenate([np.stack([upper, upper.conj()], axis=1).ravel(), real])
 
-    def matrices(self, frequency: float) -> FilterMatrices:
+    def matrices(self, frequency: float) -> _FilterMatrices:
         """Return the matrices at the corner `frequency`, rad/s."""
         n = self.order
         if self.kind == "integrator":
             first, last = np.eye(1, n)[0], np.eye(1, n, n - 1)[0]
-            return FilterMatrices(
+            return _FilterMatrices(
                 np.eye(n, k=-1) - frequency * np.eye(n), first, last, 0.0, -np.eye(n), np.zeros(n)
             )
         A, b, c, d = self._sections
-        return FilterMatrices(frequency * A, frequency * b, c, d, A, b)
+        return _FilterMatrices(frequency * A, frequency * b, c, d, A, b)
 
     @cached_property
     def _sections(self) -> tuple[Array, Array, Array, float]:

@@ -34,7 +34,7 @@ _CLUSTER_RTOL = 0.02
 _DIRECTIONS = np.exp(2j * np.pi * np.arange(8) / 8)
 
 
-class RootCluster(NamedTuple):
+class _RootCluster(NamedTuple):
     """Roots that are one to round-off.
 
     `places` among the roots; `centre`, real where the cluster is its own conjugate; `radius`: within which
@@ -46,7 +46,7 @@ class RootCluster(NamedTuple):
     radius: float
 
 
-def root_clusters(values: ComplexArray, resolution: Resolution) -> list[RootCluster]:
+def _root_clusters(values: ComplexArray, resolution: Resolution) -> list[_RootCluster]:
     """Return the clusters among roots (m) of a real matrix; complex roots come in exact conjugate pairs."""
     upper = np.flatnonzero(values.imag >= 0)
     z = values[upper]
@@ -73,9 +73,9 @@ def root_clusters(values: ComplexArray, resolution: Resolution) -> list[RootClus
         centre = complex(values[places].mean())
         centre = complex(centre.real) if overlapping else centre
         radius = _reach(values[places], centre, resolution)
-        clusters.append(RootCluster(places, centre, radius))
+        clusters.append(_RootCluster(places, centre, radius))
         if not overlapping:
-            clusters.append(RootCluster(mirrored, centre.conjugate(), radius))
+            clusters.append(_RootCluster(mirrored, centre.conjugate(), radius))
     return clusters
 
 
@@ -125,7 +125,7 @@ class Roots(NamedTuple):
     values: ComplexArray
     slopes: ComplexArray
     origin: int
-    clusters: tuple[RootCluster, ...] = ()
+    clusters: tuple[_RootCluster, ...] = ()
 
 
 def poles(
@@ -315,7 +315,7 @@ def _ordered(
     near = np.abs(rest[:, None] - rest) <= _SAME_ROOT_RTOL * np.abs(rest)
     multiple = np.count_nonzero(near, axis=1) > 1
     clusters = []
-    for cluster in root_clusters(rest, resolution) if resolution is not None else ():
+    for cluster in _root_clusters(rest, resolution) if resolution is not None else ():
         rest[cluster.places], multiple[cluster.places] = cluster.centre, True
         clusters.append(cluster._replace(places=cluster.places + origin))
     slopes[origin:][multiple] = np.inf

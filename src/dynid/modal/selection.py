@@ -151,7 +151,7 @@ def _without_weak(model: ModalModel, fit: ModalFit, covariance: Array) -> ModalF
     return None
 
 
-def excess_by_line(model: ModalModel, fit: ModalFit) -> Array:
+def _excess_by_line(model: ModalModel, fit: ModalFit) -> Array:
     """Return the excess of chi-squared over its expectation around each line, in standard deviations."""
     present = 2 * np.count_nonzero(model.frf.weights, axis=(1, 2))
     squares = np.sum(np.abs(fit.residual) ** 2, axis=(1, 2))
@@ -164,7 +164,7 @@ def excess_by_line(model: ModalModel, fit: ModalFit) -> Array:
 
 def _extended(model: ModalModel, fit: ModalFit) -> ModalFit | None:
     """Return the best fit with one more pole; None where chi-squared asks for none, or none is worth it."""
-    excess = excess_by_line(model, fit)
+    excess = _excess_by_line(model, fit)
     if excess.max() < _EXCESS:
         return None
     best: ModalFit | None = None

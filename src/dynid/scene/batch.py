@@ -66,7 +66,7 @@ class _PlanKey:
     scene: Scene = field(compare=False)
 
 
-class Judge(Protocol):
+class _Judge(Protocol):
     """Test of samples against the expectations of their scene; the checks are in a higher layer."""
 
     def __call__(self, block: SampleBlock, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
@@ -74,7 +74,7 @@ class Judge(Protocol):
 
 
 def run_batch(
-    template: Scene, overrides: Overrides, collect: tuple[str, ...], judge: Judge | None = None
+    template: Scene, overrides: Overrides, collect: tuple[str, ...], judge: _Judge | None = None
 ) -> SampleOutcomes:
     """Run samples of a scene that differ in values, together where the kind of scene can.
 
@@ -151,7 +151,7 @@ def _requested(collect: tuple[str, ...], expected: Expected) -> tuple[str, ...]:
 
 
 def run_alone(
-    template: Scene, override: Mapping[str, Any], collect: tuple[str, ...], judge: Judge | None = None
+    template: Scene, override: Mapping[str, Any], collect: tuple[str, ...], judge: _Judge | None = None
 ) -> SampleOutcome:
     """Load, check and run one sample; only what is collected or expected is computed."""
     try:

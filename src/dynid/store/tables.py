@@ -51,13 +51,13 @@ def kind_of(dtype: np.dtype[Any]) -> ColumnKind:
     return _KINDS.get(dtype.kind, "number")
 
 
-def parts_of(name: str, dtype: np.dtype[Any], units: str) -> list[TableColumn]:
+def _parts_of(name: str, dtype: np.dtype[Any], units: str) -> list[TableColumn]:
     """Return the columns of values of a type: one, two of complex numbers, those of structured arrays."""
     if dtype.names:
         return [
             column_name
             for column in dtype.names
-            for column_name in parts_of(f"{name}.{column}", dtype[column], units)
+            for column_name in _parts_of(f"{name}.{column}", dtype[column], units)
         ]
     if dtype.kind == "c":
         return [TableColumn(f"{name}.re", "number", units), TableColumn(f"{name}.im", "number", units)]
@@ -65,7 +65,7 @@ def parts_of(name: str, dtype: np.dtype[Any], units: str) -> list[TableColumn]:
 
 
 def split(values: NDArray[Any]) -> list[NDArray[Any]]:
-    """Return the columns of values in the order of `parts_of`, flattened."""
+    """Return the columns of values in the order of `_parts_of`, flattened."""
     flat = values.reshape(-1)
     if flat.dtype.names:
         return [array for column in flat.dtype.names for array in split(flat[column])]
@@ -106,7 +106,7 @@ def _table(
     axes = [_axis(result, group, dim, length) for dim, length in zip(dims, shape, strict=True)]
     fields = [TableColumn(dim, kind_of(axis.dtype), axis.units) for dim, axis in zip(dims, axes, strict=True)]
     for name, variable in columns:
-        fields += parts_of(name, variable.dtype, variable.units)
+        fields += _parts_of(name, variable.dtype, variable.units)
     names = unique([field.name for field in fields])
     fields = [replace(field, name=name) for field, name in zip(fields, names, strict=True)]
     name = (group.replace("/", ".") or "root") + (

@@ -241,7 +241,7 @@ class ProcessExecutor(StudyExecutor):
 _DASK_POOL = WorkerPool(_IDLE_SECONDS)
 
 
-def run_timed(seconds: float, call: Callable[..., Any], *args: Any) -> Any:
+def _run_timed(seconds: float, call: Callable[..., Any], *args: Any) -> Any:
     """Run a call of a Dask worker in a child process with a time limit; see `Worker.run`."""
     return _DASK_POOL.run(seconds, call, *args)
 
@@ -287,7 +287,7 @@ class DaskExecutor(StudyExecutor):
     def submit(self, call: Callable[..., Any], *args: Any) -> Future[Any]:
         """Submit a call to a worker; with a time limit, it runs in a child process of the worker."""
         if self.timeout is not None:
-            return super().submit(run_timed, self.timeout, call, *args)
+            return super().submit(_run_timed, self.timeout, call, *args)
         return super().submit(call, *args)
 
     def trouble(self) -> str | None:
@@ -351,7 +351,7 @@ class DaskExecutor(StudyExecutor):
         )
 
 
-def configured_address() -> str | None:
+def _configured_address() -> str | None:
     """Return the address of a scheduler from Dask's configuration; None if it names none."""
     if address := os.environ.get("DASK_SCHEDULER_ADDRESS"):
         return address
@@ -391,13 +391,13 @@ def make_executor(
         raise UsageError("--scheduler and --scheduler-file name two schedulers", remedy="Give one of them.")
     named = scheduler or scheduler_file
     if executor is None:
-        executor = "dask" if named or configured_address() else "processes"
+        executor = "dask" if named or _configured_address() else "processes"
     if executor != "dask" and named:
         raise UsageError(
             f"a scheduler is of no use to the executor '{executor}'", remedy="Use --executor dask."
         )
     if executor == "dask":
-        return DaskExecutor(scheduler or configured_address(), scheduler_file, workers, sample_timeout)
+        return DaskExecutor(scheduler or _configured_address(), scheduler_file, workers, sample_timeout)
     if executor == "processes" or sample_timeout is not None:
         return ProcessExecutor(1 if executor == "serial" else workers, sample_timeout)
     return SerialExecutor()

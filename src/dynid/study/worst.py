@@ -23,7 +23,7 @@ from dynid.study.analysis.table import StudyTable, as_numbers
 _WORDS = {"max": "largest", "min": "smallest", "abs": "farthest from 0"}
 
 
-def worst_sample(table: StudyTable, name: str, direction: Direction) -> tuple[int, float]:
+def _worst_sample(table: StudyTable, name: str, direction: Direction) -> tuple[int, float]:
     """Return the row and the value of the worst sample.
 
     `name` is the path of a number, of an array (its worst entry), or of an entry, `path[label]`. The largest
@@ -44,14 +44,14 @@ def worst_sample(table: StudyTable, name: str, direction: Direction) -> tuple[in
 
 
 def worst_scene(result: Result, name: str, direction: Direction, target: Path, command: str) -> str:
-    """Return the scene of the worst sample (`worst_sample`) as text; its run gives the numbers of the sample.
+    """Return the scene of the worst sample as text; its run gives the numbers of the sample.
 
     It is the scene that the study varies, with the values of the sample and comments on the original ones;
     `target` is the folder of the new scene, to which names of files are made relative, `command` stands in a
     comment.
     """
     table = StudyTable(result)
-    row, value = worst_sample(table, name, direction)
+    row, value = _worst_sample(table, name, direction)
     number = int(table.numbers[row])
     folder = str(result.attrs.get("folder", "."))
     base = parse_source(str(result.value("study/scene")), str(Path(folder) / "scene.yaml"))

@@ -31,7 +31,7 @@ def frequencies() -> Any:
     return np.geomspace(0.1, 60.0, POINTS)
 
 
-def by_reduction(model: Callable[[int], ReducedGraph]) -> Callable[[int], Any]:
+def _by_reduction(model: Callable[[int], ReducedGraph]) -> Callable[[int], Any]:
     """Return the response of the one channel of a model by its reduction, as dynid does it by default."""
 
     def work(size: int) -> Any:
@@ -130,7 +130,7 @@ BENCHMARK = Benchmark(
     size="stages",
     sizes=(10, 100, 1000, 2000),
     alternatives=(
-        Alternative("reduction", by_reduction(reduced)),
+        Alternative("reduction", _by_reduction(reduced)),
         Alternative("reduction-compiled", _compiled, max_size=100),
         Alternative(
             "recursion",
@@ -217,7 +217,7 @@ TREE = Benchmark(
     size="junctions",
     sizes=(100, 1000),
     alternatives=(
-        Alternative("reduction", by_reduction(tree)),
+        Alternative("reduction", _by_reduction(tree)),
         Alternative(
             "leaves-inward", lambda junctions: _leaves_inward(junctions, 1j * frequencies()), peer=True
         ),
@@ -258,7 +258,7 @@ def ladder(stages: int) -> ReducedGraph:
     return ReducedGraph(BondGraph(nodes, bonds), ["u"], [Port(f"b{stages}", "e")], traced=False)
 
 
-def ladder_matrices(stages: int) -> tuple[Any, Any, Any, Any]:
+def _ladder_matrices(stages: int) -> tuple[Any, Any, Any, Any]:
     """Return compliances, the sparse incidence of links at rail nodes, inertias and resistances."""
     from scipy.sparse import csc_array
 
@@ -334,9 +334,9 @@ LADDER = Benchmark(
     size="stages",
     sizes=(100, 200),
     alternatives=(
-        Alternative("reduction", by_reduction(ladder)),
+        Alternative("reduction", _by_reduction(ladder)),
         Alternative("in-order", _rung_by_rung, max_size=10),
-        Alternative("sparse-nodal", _ladder_by_nodes, ladder_matrices, max_size=1000, peer=True),
+        Alternative("sparse-nodal", _ladder_by_nodes, _ladder_matrices, max_size=1000, peer=True),
     ),
     error=lambda stages, response: distance(response, partial(exact_ladder, stages), count=7),
     default=lambda _: "reduction",

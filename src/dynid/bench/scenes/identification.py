@@ -169,7 +169,7 @@ def response(scene: Scene[IdentificationScene]) -> Aspect:
     return propagation(respond, [load.signal for load in loads], asked["times"])
 
 
-def modes_of(scene: Scene[IdentificationScene]) -> Aspect:
+def _modes_of(scene: Scene[IdentificationScene]) -> Aspect:
     """Return the solvers of the requested modes."""
     structure, values = responding_structure(scene)
     requested = scene.model.responses
@@ -239,5 +239,5 @@ ASPECTS = {
     "basis": basis,
     "hold": hold,
     "propagation": response,
-    "modes": modes_of,
+    "modes": _modes_of,
 }

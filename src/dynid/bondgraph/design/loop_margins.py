@@ -38,7 +38,7 @@ _ORIGIN_RTOL = 1e-9
 _SAME_RTOL = 1e-6
 
 
-class LoopValue(NamedTuple):
+class _LoopValue(NamedTuple):
     """A margin, its derivatives (p), and the frequency where it is, rad/s."""
 
     value: float
@@ -113,7 +113,7 @@ class _Loops:
         self._A, self._B, self._C, self._D, *self._slopes = matrices
         self._delays = delays
 
-    def margin(self, target: LoopTarget) -> LoopValue | None:
+    def margin(self, target: LoopTarget) -> _LoopValue | None:
         """Return a margin; None where there is none, or the closed loops are not stable."""
         sizes = np.concatenate([np.abs(np.linalg.eigvals(self._A)), 1 / self._delays[self._delays > 0]])
         sizes = sizes[sizes > 1e-9 * sizes.max(initial=0.0)]
@@ -121,7 +121,7 @@ class _Loops:
         grid = np.geomspace(low / _RANGE_FACTOR, high * _RANGE_FACTOR, _POINTS)
         if not self._stable(grid):
             return None
-        find: Callable[[int, Array], list[LoopValue]] = {
+        find: Callable[[int, Array], list[_LoopValue]] = {
             "phase_margin": self._phases, "gain_margin": self._gains, "Ms": self._peaks, "Mt": self._peaks
         }[target.kind]  # fmt: skip
         self._complementary = target.kind == "Mt"
@@ -186,16 +186,16 @@ class _Loops:
 
     # --- crossings and peaks --------------------------------------------------------------------------
 
-    def _phases(self, loop: int, grid: Array) -> list[LoopValue]:
+    def _phases(self, loop: int, grid: Array) -> list[_LoopValue]:
         found = []
         for omega in self._roots(lambda at: np.log(np.abs(self._gain(loop, at))), grid):
             L, rate, slopes = self._derivatives(loop, omega)
             by_omega, by_parameter = rate / L, slopes / L  # of log|L| + j arg L
             turned = by_parameter.imag - by_omega.imag * by_parameter.real / by_omega.real
-            found.append(LoopValue(lag(L), np.degrees(turned), omega))
+            found.append(_LoopValue(lag(L), np.degrees(turned), omega))
         return found
 
-    def _gains(self, loop: int, grid: Array) -> list[LoopValue]:
+    def _gains(self, loop: int, grid: Array) -> list[_LoopValue]:
         found = []
         gains = self._gain(loop, grid)
         crossings = np.flatnonzero(np.sign(gains[1:].imag) * np.sign(gains[:-1].imag) < 0)
@@ -206,10 +206,10 @@ class _Loops:
             L, rate, slopes = self._derivatives(loop, omega)
             if -1 < L.real < 0:
                 moved = slopes.real - rate.real * slopes.imag / rate.imag
-                found.append(LoopValue(-1 / L.real, moved / L.real**2, omega))
+                found.append(_LoopValue(-1 / L.real, moved / L.real**2, omega))
         return found
 
-    def _peaks(self, loop: int, grid: Array) -> list[LoopValue]:
+    def _peaks(self, loop: int, grid: Array) -> list[_LoopValue]:
         """Return the maxima of |S|, or |T|, with those at the ends of the grid."""
 
         def rate(at: Array) -> Array:
@@ -229,7 +229,7 @@ class _Loops:
         for omega in [*found, float(grid[0]), float(grid[-1])]:
             at, _, slopes = self._derivatives(loop, omega)
             value = abs((at if self._complementary else 1) / (1 + at))
-            values.append(LoopValue(value, value * self._logarithmic(at, slopes).real, omega))
+            values.append(_LoopValue(value, value * self._logarithmic(at, slopes).real, omega))
         return values
 
     def _logarithmic(self, L: Any, change: Any) -> Any:

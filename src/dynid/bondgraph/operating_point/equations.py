@@ -41,7 +41,7 @@ class LawRow:
 
 
 @dataclass(frozen=True)
-class Conserved:
+class _Conserved:
     """A combination of states whose rate is zero, or the constant that sources give it."""
 
     weights: Mapping[Port, Fraction]  # its coefficients, by state
@@ -163,7 +163,7 @@ class LawEquations:
         return port, Fraction(1)
 
     @cached_property
-    def conserved(self) -> list[Conserved]:
+    def conserved(self) -> list[_Conserved]:
         """Return the combinations of states whose rates the junctions determine, by exact elimination."""
         # Only equations of efforts and flows: junctions, sources, transformers and resistances.
         first = 2 * len(self.model.graph.bonds)
@@ -197,7 +197,7 @@ class LawEquations:
             if not keep(row):
                 weights = {key[1]: -value for key, value in row.items() if key[0] == "x"}
                 sources = {key[1]: value for key, value in row.items() if key[0] == "u"}
-                sums.append(Conserved(weights, sources))
+                sums.append(_Conserved(weights, sources))
         return sums
 
 

@@ -54,7 +54,7 @@ _ROOT_WORK = 8_000_000
 
 
 @dataclass(frozen=True)
-class ListedRoots:
+class _ListedRoots:
     """The rightmost roots of a function, and the verdict on all of them."""
 
     roots: tuple[SidedRoot, ...]
@@ -86,15 +86,15 @@ class DelayedChannels:
             for port, source in self._numbers
         ]
         self._cut, self._loops = CutLoops(opened, [*loops, *closing]), range(len(loops))
-        self._listed: dict[Any, ListedRoots] = {}
+        self._listed: dict[Any, _ListedRoots] = {}
         self._work, self._root_work = Work(COUNT), Work(_ROOT_WORK, EVALUATIONS)
 
-    def zeros_and_poles(self, channel: Channel) -> tuple[ListedRoots, ListedRoots]:
+    def zeros_and_poles(self, channel: Channel) -> tuple[_ListedRoots, _ListedRoots]:
         """Return the rightmost zeros and poles of a channel."""
         below = self._cut.function(self._loops)
         above = self._cut.function([*self._loops, self._numbers[channel]]) - below
         if not above.terms:
-            nothing = ListedRoots((), "", Verdict("undefined", "the input does not reach the output", 0))
+            nothing = _ListedRoots((), "", Verdict("undefined", "the input does not reach the output", 0))
             return nothing, self._roots(QuasiPolynomial({Fraction(0): fmpz_poly([1])}))
         dead_time = Fraction(0)
         if (loop := self._ahead.get(channel[1])) is not None:  # the controller acts on the setpoint alone
@@ -115,22 +115,22 @@ class DelayedChannels:
             above = QuasiPolynomial({chosen - shared: p for chosen, p in above.products.items()})
         return replace(self._roots(above), dead_time=dead_time + late), self._roots(below)
 
-    def _roots(self, function: QuasiPolynomial) -> ListedRoots:
+    def _roots(self, function: QuasiPolynomial) -> _ListedRoots:
         key = str(sorted((sorted(loops), str(p)) for loops, p in function.products.items()))
         if key not in self._listed:
             self._listed[key] = self._list(function)
         return self._listed[key]
 
-    def _list(self, function: QuasiPolynomial) -> ListedRoots:
+    def _list(self, function: QuasiPolynomial) -> _ListedRoots:
         if function.is_rational:
             certified = certified_roots(function.terms[Fraction(0)])
-            return ListedRoots(tuple(certified), "", verdict(certified))
+            return _ListedRoots(tuple(certified), "", verdict(certified))
         decided = stability(function, self._work)
         if math.isinf(decided.unstable_poles):
-            return ListedRoots((), decided.reason, decided)
+            return _ListedRoots((), decided.reason, decided)
         roots, line, others = listed_roots(function, decided.unstable_poles, self._root_work)
         note = f"all with a real part above {line:.6g} rad/s" if math.isfinite(line) else others
-        return ListedRoots(tuple(_sided(root) for root in roots), note, decided)
+        return _ListedRoots(tuple(_sided(root) for root in roots), note, decided)
 
 
 def listed_roots(
@@ -227,7 +227,7 @@ def channel_steps(reduced: ReducedGraph, analysis: Analysis, opened: BondGraph) 
     return steps
 
 
-def _stability(poles: ListedRoots) -> str:
+def _stability(poles: _ListedRoots) -> str:
     if not poles.note:  # all of them
         return stability_text(poles.roots)
     if poles.all_right and poles.verdict.kind in ("stable", "unstable"):
@@ -235,13 +235,13 @@ def _stability(poles: ListedRoots) -> str:
     return poles.verdict.text
 
 
-def _minimum_phase(zeros: ListedRoots) -> bool | None:
+def _minimum_phase(zeros: _ListedRoots) -> bool | None:
     if zeros.dead_time or zeros.verdict.unstable_poles or zeros.verdict.kind in ("undefined", "marginal"):
         return None if math.isnan(zeros.verdict.unstable_poles) and not zeros.dead_time else False
     return True
 
 
-def _zero_stability(zeros: ListedRoots) -> str:
+def _zero_stability(zeros: _ListedRoots) -> str:
     kind, reason, count = zeros.verdict.kind, zeros.verdict.reason, zeros.verdict.unstable_poles
     if kind in ("undefined", "undecided", "at the limit"):
         text = f"{kind}: {reason}"

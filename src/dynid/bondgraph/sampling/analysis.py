@@ -94,7 +94,7 @@ class _SampledChannel:
         return _limits(self.numerator[-1], self.denominator[-1], self.relative_degree)
 
 
-class SampledEngine:
+class _SampledEngine:
     """The channels of samples of a graph.
 
     Numerator and denominator are evaluated exactly and the roots certified together. A sample for which
@@ -162,7 +162,7 @@ class SampledEngine:
 class _EngineSample(NamedTuple):
     """One sample of an engine, which answers for its channels as any engine does."""
 
-    engine: SampledEngine
+    engine: _SampledEngine
     number: int
 
     @property
@@ -223,7 +223,7 @@ ResultColumn = Sequence[Variable]
 """One array of a result for every sample."""
 
 
-def columns(engine: SampledEngine, analysis: Analysis, paths: Collection[str]) -> dict[str, ResultColumn]:
+def columns(engine: _SampledEngine, analysis: Analysis, paths: Collection[str]) -> dict[str, ResultColumn]:
     """Return the wanted arrays of the channels of all samples, by path."""
     by_path: dict[str, ResultColumn] = {}
     for name in engine.channels:
@@ -243,7 +243,7 @@ def columns(engine: SampledEngine, analysis: Analysis, paths: Collection[str]) -
     return by_path | {path: [result.get(path, nothing) for result in results] for path in kept}
 
 
-def _quick(engine: SampledEngine, of: Channel, paths: Collection[str]) -> dict[str, ResultColumn]:
+def _quick(engine: _SampledEngine, of: Channel, paths: Collection[str]) -> dict[str, ResultColumn]:
     """Return the zeros and poles of a channel, its gains, degrees and verdicts."""
     by_path: dict[str, ResultColumn] = {}
     channel, name = engine.channels[of], f"{of[0]}/{of[1]}"
@@ -355,11 +355,11 @@ class SampledAnalysis:
         """
         with no_collection():
             kept = [] if self._apart else np.flatnonzero(self._reduced.holds(values, count)).tolist()
-            engine: SampledEngine | None = None
+            engine: _SampledEngine | None = None
             channel_columns: dict[str, ResultColumn] = {}
             if self._polynomials is not None and kept:
                 of_kept = {name: [values[name][k] for k in kept] for name in self._varying}
-                engine = SampledEngine(self._reduced, self._polynomials, of_kept, len(kept))
+                engine = _SampledEngine(self._reduced, self._polynomials, of_kept, len(kept))
                 channel_paths = {path for path in self.wanted if path.startswith(_CHANNELS)}
                 channel_columns = columns(engine, self.analysis, channel_paths)
             results: list[Mapping[str, Variable] | None] = [None] * count

@@ -36,7 +36,7 @@ _FOLLOWING_STEPS = 8
 _FINE, _IMPOSSIBLE = 20, 100.0
 
 
-class ProfilePoint(NamedTuple):
+class _ProfilePoint(NamedTuple):
     """Coordinates (p) of a point of a profile, and by how much the misfit exceeds that of the fit there."""
 
     eta: Array
@@ -51,7 +51,7 @@ class Profile:
     fit: Fit  # a fit at its maximum
     k: int  # index of the parameter
 
-    def at(self, coordinate: float, beside: Array | None = None) -> ProfilePoint:
+    def at(self, coordinate: float, beside: Array | None = None) -> _ProfilePoint:
         """Return the point at a coordinate of the parameter; of infinite rise where there is no model.
 
         The others follow from coordinates (p) `beside` it, by default those of the fit.
@@ -63,10 +63,10 @@ class Profile:
             with guarded("the prediction"):
                 fit = refine(replace(self.likelihood, stated_priors=priors), eta, _FOLLOWING_STEPS).fit
         except (DynidError, np.linalg.LinAlgError):
-            return ProfilePoint(eta, math.inf)
-        return ProfilePoint(fit.eta, self.likelihood.misfit(fit) - self.likelihood.misfit(self.fit))
+            return _ProfilePoint(eta, math.inf)
+        return _ProfilePoint(fit.eta, self.likelihood.misfit(fit) - self.likelihood.misfit(self.fit))
 
-    def towards(self, side: int, deviation: float) -> list[ProfilePoint]:
+    def towards(self, side: int, deviation: float) -> list[_ProfilePoint]:
         """Return points on a side (+1 or -1), the fit first, to where the likelihood is negligible.
 
         Or to the limit of the parameter, or a factor of a thousand. `deviation`: its standard error.
@@ -74,7 +74,7 @@ class Profile:
         priors, centre = self.likelihood.priors, float(self.fit.eta[self.k])
         limit = float(priors.high[self.k] - centre if side > 0 else centre - priors.low[self.k])
         farthest = min(limit, max(_FARTHEST * priors.units[self.k], _REACH * deviation))
-        points, distance, reach = [ProfilePoint(self.fit.eta, 0.0)], 0.0, _REACH * deviation
+        points, distance, reach = [_ProfilePoint(self.fit.eta, 0.0)], 0.0, _REACH * deviation
         while distance < min(reach, farthest):
             distance = min(distance + max(_STEP * deviation, _GROWTH * distance), farthest)
             points.append(self.at(centre + side * distance, points[-1].eta))
@@ -83,15 +83,15 @@ class Profile:
         return points
 
 
-class ProfileIntervals(NamedTuple):
+class _ProfileIntervals(NamedTuple):
     """Ends of the 95 % intervals of the coordinates (p each), and the best point met on the way."""
 
     low: Array
     high: Array
-    best: ProfilePoint
+    best: _ProfilePoint
 
 
-def profile_intervals(likelihood: Likelihood, fit: Fit, deviations: Array) -> ProfileIntervals:
+def profile_intervals(likelihood: Likelihood, fit: Fit, deviations: Array) -> _ProfileIntervals:
     """Return the intervals of all parameters that are not fixed.
 
     An end is infinite where the records do not limit the parameter within a factor of a thousand.
@@ -99,7 +99,7 @@ def profile_intervals(likelihood: Likelihood, fit: Fit, deviations: Array) -> Pr
     `likelihood`, `fit`: the likelihood of the records and a fit at its maximum; `deviations`: standard
     errors of the coordinates (p).
     """
-    low, high, best = fit.eta.copy(), fit.eta.copy(), ProfilePoint(fit.eta, 0.0)
+    low, high, best = fit.eta.copy(), fit.eta.copy(), _ProfilePoint(fit.eta, 0.0)
     for k in np.flatnonzero(~likelihood.priors.fixed).tolist():
         profile = Profile(likelihood, fit, k)
         below, above = (profile.towards(side, float(deviations[k])) for side in (-1, 1))
@@ -111,7 +111,7 @@ def profile_intervals(likelihood: Likelihood, fit: Fit, deviations: Array) -> Pr
         if above[-1].rise < _NEGLIGIBLE and x[-1] < likelihood.priors.high[k]:
             high[k] = math.inf
         best = min([best, *points], key=lambda point: point.rise)
-    return ProfileIntervals(low, high, best)
+    return _ProfileIntervals(low, high, best)
 
 
 def _quantiles(x: Array, rise: Array) -> tuple[float, float]:

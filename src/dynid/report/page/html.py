@@ -87,7 +87,7 @@ def formula(value: str) -> Markup:
     return _with_code(safe.replace("*", "\N{DOT OPERATOR}"))
 
 
-def table_entry(value: str) -> Markup:
+def _table_entry(value: str) -> Markup:
     """Return an entry of a table of content; a dash where it has no value."""
     return Markup(_NO_VALUE) if value in _NO_VALUES else formula(value)
 
@@ -218,7 +218,7 @@ def _table(block: TextTable, title: str, unfolded: int | None, most: int) -> Mar
         cells = []
         for value, right in zip(row[1:], numeric[1:], strict=True):
             cls = "n" if right else "long" if len(value) > _LONG_TEXT else None
-            cells.append(tag("td", table_entry(value), class_=cls))
+            cells.append(tag("td", _table_entry(value), class_=cls))
         head = tag("th", row[0], scope="row") if row[0] else tag("td")
         lines.append(tag("tr", head, *cells, class_="marked" if k in table.marked else None))
     label = f"{table.caption[0].upper()}{table.caption[1:]}" if table.caption else title

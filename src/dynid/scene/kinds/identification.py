@@ -134,7 +134,7 @@ def setting(
     model = scene.model
     assert model.measurement is not None
     measurements = measurements_of(scene, structure)
-    structure = with_sensors(model, structure)
+    structure = _with_sensors(model, structure)
     if not (model.is_reduced or model.measurement.frf is not None or model.measurement.modes_alone):
         measured = (measurement for measurement in measurements if isinstance(measurement, Experiment))
         structure = without_massless(structure, [dof for record in measured for dof in record.dofs])
@@ -145,7 +145,7 @@ def setting(
     simulate = (records[0].frf.simulate if records[0].frf else records[0].simulate) if records else None
     if simulate is not None and simulate.model == "reduced":
         truth = method.at(structure.true_values()).reduce(structure).model
-    full = with_sensors(model, started(scene, structure)) if at_starts(model) is not model else structure
+    full = _with_sensors(model, started(scene, structure)) if at_starts(model) is not model else structure
     reductor = method if values is None else method.at(values)
     rebuild: Rebuild | None = None
     if method.follows_joints:
@@ -156,7 +156,7 @@ def setting(
     return Setting(reductor.reduce(full).model, measurements, truth, rebuild)
 
 
-def with_sensors(model: IdentificationScene, structure: StructuralModel) -> StructuralModel:
+def _with_sensors(model: IdentificationScene, structure: StructuralModel) -> StructuralModel:
     """Return a structure under test with the masses of its sensors."""
     sensors = model.measurement.sensors if model.measurement is not None else []
     masses = {sensor.dof: sensor.mass.real for sensor in sensors if sensor.mass and sensor.dof is not None}

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dynid.structure.labels import Label
 
 
-class ModalTest(NamedTuple):
+class _ModalTest(NamedTuple):
     """Frequency responses of a test, and the DOFs they are of."""
 
     frf: FrfMatrix
@@ -76,7 +76,7 @@ def preparation_steps(scene: Scene[ModalAnalysisScene]) -> Iterator[PreparationS
     yield lambda: modal_test(scene)
 
 
-def modal_test(scene: Scene[ModalAnalysisScene]) -> ModalTest:
+def modal_test(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
     """Return the frequency responses of a scene in its band."""
     measurement = scene.model.measurement
     if measurement.frf is None:
@@ -90,7 +90,7 @@ def window_rate(scene: Scene[ModalAnalysisScene]) -> float:
     return 0.0 if exponential is None else 1 / float(exponential)
 
 
-def _matrix_of(scene: Scene[ModalAnalysisScene], measured: FrfMeasurement) -> ModalTest:
+def _matrix_of(scene: Scene[ModalAnalysisScene], measured: FrfMeasurement) -> _ModalTest:
     """Return responses, one column a pair, as a matrix of receptances in the band."""
     used = in_band(scene, measured.omega)
     omega, values = measured.omega[used], np.asarray(measured.source)[used]
@@ -111,10 +111,10 @@ def _matrix_of(scene: Scene[ModalAnalysisScene], measured: FrfMeasurement) -> Mo
     frf_matrix = FrfMatrix(omega, matrix, noise, np.where(np.isnan(scale), 1.0, scale), estimated, shaped)
     if scene.model.exponential is not None:
         frf_matrix = frf_matrix.windowed(float(scene.model.exponential))
-    return ModalTest(frf_matrix, responses, references, powers, measured.proportional, notes=measured.notes)
+    return _ModalTest(frf_matrix, responses, references, powers, measured.proportional, notes=measured.notes)
 
 
-def _test_of_records(scene: Scene[ModalAnalysisScene]) -> ModalTest:
+def _test_of_records(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
     """Return responses estimated from records of time with their excitation.
 
     Raises `UsageError` where a record has not one measured force.

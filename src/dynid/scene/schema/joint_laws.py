@@ -117,7 +117,7 @@ class GapLaw(_LawModel):
     side: Literal["both", "positive", "negative"] = "both"
 
 
-class ForceExpression(BaseModel):
+class _ForceExpression(BaseModel):
     """The expression of a force: its text, and the parameters of the scene in it."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
@@ -126,7 +126,7 @@ class ForceExpression(BaseModel):
     parameters: dict[str, Quantity]
 
 
-def _force(raw: Any, info: ValidationInfo) -> ForceExpression:
+def _force(raw: Any, info: ValidationInfo) -> _ForceExpression:
     """Read a force as an expression of d, v and parameters, which vanishes at rest."""
     if not isinstance(raw, str):
         raise fault("the force is an expression of the deflection d and its rate v, such as 1.0e9*d**3")
@@ -159,11 +159,11 @@ def _force(raw: Any, info: ValidationInfo) -> ForceExpression:
         raise fault(
             f"the force is {float(at_rest):g} at rest, d = v = 0; it has to vanish there: subtract it"
         )
-    return ForceExpression(text=raw, parameters=quantities)
+    return _ForceExpression(text=raw, parameters=quantities)
 
 
 class ExpressionLaw(_LawModel):
     """A force as an expression of deflection d, its rate v and parameters."""
 
     kind: Literal["expression"]
-    f: Annotated[ForceExpression, PlainValidator(_force), WithJsonSchema({"type": "string"})]
+    f: Annotated[_ForceExpression, PlainValidator(_force), WithJsonSchema({"type": "string"})]

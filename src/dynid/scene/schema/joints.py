@@ -135,7 +135,7 @@ def by_direction(raw: Any) -> bool:
     return isinstance(raw, dict) and not raw.keys().isdisjoint(get_args(Direction))
 
 
-def by_directions(value: Any) -> set[str]:
+def _by_directions(value: Any) -> set[str]:
     """Return the directions of the k or c of a joint between points."""
     return {*value} if isinstance(value, dict) else set()
 
@@ -258,7 +258,7 @@ class JointModel(LinkModel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if isinstance(self.eta, dict) and (
-            self.points is None or not self.eta.keys() <= by_directions(self.k)
+            self.points is None or not self.eta.keys() <= _by_directions(self.k)
         ):
             raise fault("'eta' has directions that 'k' has not")
         parts = {"k": self.k, "c": self.c, "m": self.m}

@@ -24,7 +24,7 @@ from dynid.structure.nonlinear.tables import LinearRest, Motion
 from dynid.structure.state_space import massless_motion
 
 
-class JointMotion(NamedTuple):
+class _JointMotion(NamedTuple):
     """The joints with laws in a response, over its times.
 
     `deflection`, `rate`, `force`, `work` (times x joints): of all its laws; `regime` (times x laws); `names`
@@ -50,7 +50,7 @@ def nonlinear_response(
     times: Array,
     motion: Array,
     values: Mapping[str, float],
-) -> tuple[TimeResponse, JointMotion]:
+) -> tuple[TimeResponse, _JointMotion]:
     """Return the response at the channels of an excitation from t = 0 on, and the motion of the joints.
 
     `signals`: the acting signals, one a load; `times`: increasing times, s; `motion`: displacements and
@@ -95,13 +95,13 @@ def nonlinear_response(
             out[:, column] = sum_lines(omega, c[:, None], at, period)[:, 0]
         return out
 
-    x0, z0 = motion / d, first_hidden(bound, rows @ motion[:n])
+    x0, z0 = motion / d, _first_hidden(bound, rows @ motion[:n])
     jump = system.B @ line.jumps / d if line.jump_node >= 0 else None
     followed, accuracy = accurate_march(
         rest, bound, line, x0, z0, added=added if spread else None, impulse=jump
     )
     inputs = line.inputs() + added(times)
-    return _read(followed, driven, d, system.C, system.D, directions, inputs), JointMotion(
+    return _read(followed, driven, d, system.C, system.D, directions, inputs), _JointMotion(
         tuple(dict.fromkeys(law.joint.name for law in laws)),
         tuple(f"{law.joint.name}.{law.bound.law.kind}" for law in laws),
         followed.states @ read.T[:, : len(rows)],
@@ -124,7 +124,7 @@ def _read(
     return TimeResponse(states @ C.T + inputs @ D.T + motion.forces @ through.T, states, inputs)
 
 
-def first_hidden(laws: Sequence[BoundLaw], deflections: Array) -> Array:
+def _first_hidden(laws: Sequence[BoundLaw], deflections: Array) -> Array:
     """Return the hidden states that are nearest to zero among those with which a motion may start (laws)."""
     hidden = []
     for law in laws:
@@ -133,7 +133,7 @@ def first_hidden(laws: Sequence[BoundLaw], deflections: Array) -> Array:
     return np.array(hidden)
 
 
-def add_joints(result: Result, motion: JointMotion, times: Array) -> None:
+def add_joints(result: Result, motion: _JointMotion, times: Array) -> None:
     """Add the joints with laws: deflection, its rate, force, work, and regimes of the laws, over time.
 
     ``structure/joints/{time, joint, law, deflection, rate, force, work, regime}``; `force` resists the
