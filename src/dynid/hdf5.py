@@ -17,7 +17,6 @@ from collections.abc import Iterable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from dynid import trial
 from dynid.errors import FileError
 
 if TYPE_CHECKING:
@@ -57,8 +56,11 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
         if intact is False:
             problem = f"{name} is damaged: it does not match its checksum"
             raise FileError(problem, remedy="Run its scene again.", names=[name])
-        if intact is None and trial.survives("dynid.hdf5:read_all", name) is False:
-            raise OSError("it is damaged, so that the HDF5 library does not survive reading it")
+        if intact is None:
+            from dynid.trial import survives
+
+            if survives("dynid.hdf5:read_all", name) is False:
+                raise OSError("it is damaged, so that the HDF5 library does not survive reading it")
         _survived.add(key)
     # Files are replaced and never changed in place, so that nothing needs a lock.
     try:

@@ -41,7 +41,7 @@ def show(file: str, everything: bool, trace: bool, as_json: bool) -> int:
 
     with _opened(file) as result:
         if as_json:
-            from dynid.report.content import warnings
+            from dynid.report import warnings
             from dynid.store.export import answer_json
 
             click.echo(answer_json(result, warnings(result)))

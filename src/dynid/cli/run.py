@@ -105,7 +105,7 @@ def run(
 
             write_page(read_result(target), report)
     outcomes = [] if rejection else checked_expectations(loaded, result, junit)
-    from dynid.report.content import warnings, without_warnings
+    from dynid.report import warnings, without_warnings
 
     if not quiet and not as_json:
         from dynid.cli.screen import summary

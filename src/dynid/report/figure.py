@@ -154,16 +154,18 @@ class _FigureFamily:
     """Figures of one kind, and the condition on results that have them; all given parts must hold.
 
     `function` yields them, as `module:name`. The result is of one of `kinds`, has a path that begins with one
-    of `paths`, and holds the text of its `scene`.
+    of `paths`, and holds the text of its `scene`, in which the word `key` stands.
     """
 
     function: str
     kinds: tuple[str, ...] = ()
     paths: tuple[str, ...] = ()
     scene: bool = False
+    key: str = ""
 
     def applies(self, result: Result) -> bool:
-        if self.scene and not result.attrs.get("scene"):
+        text = str(result.attrs.get("scene") or "")
+        if (self.scene and not text) or self.key not in text:
             return False
         if self.kinds and result.kind not in self.kinds:
             return False
@@ -179,7 +181,9 @@ _DRAWING, _DIAGRAMS = "dynid.report.drawing", "dynid.report.diagrams"
 
 #: In the order in which a page shows them.
 FAMILIES: tuple[_FigureFamily, ...] = (
-    _FigureFamily(f"{_DRAWING}.bond_graph:figures", kinds=("bond-graph", "identification"), scene=True),
+    _FigureFamily(
+        f"{_DRAWING}.bond_graph:figures", kinds=("bond-graph", "identification"), scene=True, key="graph"
+    ),
     _FigureFamily(f"{_DRAWING}.bond_graph:realisations", paths=("synthesis/form",)),
     _FigureFamily(
         f"{_DRAWING}.bond_graph:reduction_strips", paths=("bond_graph/reduction/steps",), scene=True

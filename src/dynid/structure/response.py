@@ -11,7 +11,6 @@ from dynid.arrays import guarded
 from dynid.lti.time_response import propagate
 from dynid.result import Result, common_unit
 from dynid.structure.excitation import drive, inputs_of, signals_of, starting_state
-from dynid.structure.frf import frequency_response_functions
 from dynid.structure.labels import Label
 from dynid.structure.model import TANGENT, StructuralModel
 from dynid.structure.ports import Channel, Load, ports, response_units, source_names
@@ -45,6 +44,8 @@ def frequency_response(
         frequencies too, but for large sparse structures at few frequencies.
         Attributes `method`, `modes` and `error` hold the method of computation and its error.
     """
+    from dynid.structure.frf import frequency_response_functions
+
     where = ports(model, inputs, outputs)
     w = np.atleast_1d(np.asarray(omega, dtype=float))
     model.needs_positive(w)

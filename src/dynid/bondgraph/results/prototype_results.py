@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arithmetic.field_polynomials import primitive, settled_coefficients
 from dynid.bondgraph.analysis_request import Analysis, Engine, modelled_storages
-from dynid.bondgraph.decomposition.prototype_dynamics import PrototypeDynamics, prototype_dynamics
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.formula_printers import ATOM, LATEX, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
 from dynid.bondgraph.formulas.expressions import length, print_register, print_sum
@@ -20,6 +18,9 @@ from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.results.channels import add_coefficients, add_roots, roots_of
 from dynid.lti.positive_real import fraction, nearest_double
 from dynid.result import Result
+
+if TYPE_CHECKING:
+    from dynid.bondgraph.decomposition.prototype_dynamics import PrototypeDynamics
 
 #: Bits of the denominator of a coefficient that is written as a fraction.
 _MAX_FRACTION_BITS = 64
@@ -128,6 +129,8 @@ def _add_output_dynamics(result: Result, reduced: ReducedGraph, engine: Engine) 
         note += f"up to {_MAX_PROTOTYPE_SIZE}"
         result.annotate("bond_graph/reduction", dynamics=f"{note}; 'engine: exact' forms them all the same")
         return
+    from dynid.bondgraph.decomposition.prototype_dynamics import prototype_dynamics
+
     for port, reduction in reduced.reductions.items():
         dynamics = prototype_dynamics(reduced, reduction.prototype)
         add_dynamics(result, f"bond_graph/reduction/dynamics/{port}", dynamics)
@@ -190,6 +193,8 @@ def add_ratio(result: Result, group: str, ratio: TransferFunction, formula: str 
 
 def polynomial_text(polynomial: Any) -> str:
     """Write a polynomial in s as SymPy would read it, highest power first; what is irrational as decimals."""
+    from dynid.arithmetic.field_polynomials import settled_coefficients
+
     text = ""
     for power, coefficient in sorted(enumerate(settled_coefficients(polynomial)), reverse=True):
         if coefficient == 0:
@@ -207,6 +212,8 @@ def polynomial_text(polynomial: Any) -> str:
 def _add_condition(result: Result, group: str, prefix: str, polynomial: Any) -> None:
     """Add the roots of a polynomial; one that is identically zero has none to list."""
     if polynomial != 0:
+        from dynid.arithmetic.field_polynomials import primitive
+
         polynomial = primitive(polynomial)
     result.add(f"{group}/{prefix}polynomial", polynomial_text(polynomial))
     roots = roots_of(polynomial) if polynomial != 0 else ()

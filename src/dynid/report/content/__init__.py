@@ -17,9 +17,6 @@ from dynid.scene.kind import KINDS, resolve
 
 #: Longest list of names of what a model omits; longest line with the reasons, and without them; characters.
 _NAMES, _LINE, _PARTS = 200, 106, 59
-#: Arrays of warnings.
-_OF_GRAPH = ("bond_graph/warnings", "bond_graph/design/warnings", "modal/warnings")
-_OF_IDENTIFICATION = "identification/diagnostics/warnings"
 #: Parts of models in words, by kind of result.
 _PARTS_IN_WORDS = {("", "storages"): "storage elements", ("identification", "engines"): "estimation methods"}
 #: Content of results that are of no kind of scene.
@@ -43,24 +40,6 @@ def content(result: Result) -> Content:
         *alternative_sections(result),
     ]
     return Content(str(module.method(result)), tuple(sections))
-
-
-def warnings(result: Result) -> list[str]:
-    """Return what users must know of a result: warnings of its graph, nodes and identification."""
-    from dynid.report.content.identification import cautions
-
-    of_graph = [str(text) for path in _OF_GRAPH if path in result for text in result[path].data]
-    of_nodes = result.group_attrs.get("structure/nodes", {}).get("doubt")
-    return [*of_graph, *([] if of_nodes is None else [str(of_nodes)]), *cautions(result)]
-
-
-def without_warnings(result: Result) -> Result:
-    """Return a result for a screen beside which its `warnings` are printed."""
-    shown = result
-    for path in (*_OF_GRAPH, _OF_IDENTIFICATION):
-        shown = shown.without(path)
-    shown.group_attrs.get("structure/nodes", {}).pop("doubt", None)
-    return shown
 
 
 def _undecided(result: Result) -> Iterator[ReportSection]:

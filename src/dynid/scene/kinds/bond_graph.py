@@ -30,7 +30,6 @@ from dynid.scene.kinds.signals import DrivenSource, angular_frequencies, build_s
 from dynid.scene.load import Scene
 from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.bond_graph import AnalysisModel, BondGraphScene, GraphModel
-from dynid.scene.schema.control import ControlModel
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.signals import SignalPart, StepSignal
 from dynid.scene.yaml.parser import Path as KeyPath
@@ -39,6 +38,7 @@ from dynid.suggestions import shortened
 if TYPE_CHECKING:
     from dynid.lti.generator import Signal
     from dynid.scene.run import PreparationStep
+    from dynid.scene.schema.control import ControlModel
     from dynid.scene.schema.identification import IdentificationScene
 
 

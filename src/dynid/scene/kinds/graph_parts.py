@@ -12,7 +12,6 @@ from dynid.arithmetic.dependent import Dependent, Real, substituted
 from dynid.arithmetic.expression import Expression, parse
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import Number
-from dynid.bondgraph.controller_circuits import Loop, Sampling
 from dynid.bondgraph.field_expansion import Expansion, FieldType, expand_coupling, expand_field
 from dynid.bondgraph.graph import LINE, TWO_PORTS, Bond, BondGraph, Node, NodeType, Port
 from dynid.errors import DynidError
@@ -23,6 +22,7 @@ from dynid.scene.schema.raw import STRUCTURE, law_variable
 
 if TYPE_CHECKING:
     from dynid.bondgraph.analysis_request import Reading
+    from dynid.bondgraph.controller_circuits import Loop
     from dynid.bondgraph.operating_point.element_laws import Law
     from dynid.bondgraph.operating_point.linearisation import Linearisation
     from dynid.scene.load import Scene
@@ -257,6 +257,8 @@ def _expand_structure(
 
 
 def _loop(loop: LoopModel, measured: Port, index: int) -> Loop:
+    from dynid.bondgraph.controller_circuits import Loop, Sampling
+
     controller, path = loop.controller, f"control.loops.{index}"
     quotient: tuple[list[Real], list[Real]]
     if controller.pid is not None:

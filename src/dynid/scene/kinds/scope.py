@@ -9,7 +9,6 @@ from dynid.model_scope import ScopePart, add_model_scope, divided
 from dynid.result import Result
 from dynid.scene.kinds.measurements import channel_of, result_name
 from dynid.scene.schema.base import ASPECTS
-from dynid.structure.geometry import add_motion, add_places, geometry
 from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
@@ -135,6 +134,8 @@ def add_geometry(
     """
     if structure.nodes is None:
         return
+    from dynid.structure.geometry import add_motion, add_places, geometry
+
     sensors: list[ChannelModel] = []
     if model.kind == "reduction":
         sensors += model.outputs or ()

@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from itertools import pairwise, starmap
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -31,7 +31,6 @@ from dynid.bondgraph.analysis_request import (
     Reading,
     ResultName,
 )
-from dynid.bondgraph.decomposition.graph_bisection import bond_fault, loop_fault
 from dynid.bondgraph.field_expansion import field_fault
 from dynid.bondgraph.graph import (
     FIELDS,
@@ -57,10 +56,7 @@ from dynid.scene.schema.base import (
     once,
     short_for,
 )
-from dynid.scene.schema.control import DELAY_REMEDY, ControlModel
-from dynid.scene.schema.design import DesignModel
 from dynid.scene.schema.graph_variables import TEXT, Output, SourceName, stored_energy_faults, unknown_node
-from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.laws import LawModel, NodeValue, OperatingPointModel, law_faults
 from dynid.scene.schema.quantities import (
     AROUND,
@@ -86,12 +82,15 @@ from dynid.scene.schema.raw import (
     chain_fault,
     ports_of,
 )
-from dynid.scene.schema.reduction import ReductionModel, structure_faults
 from dynid.scene.schema.references import Later, sections
 from dynid.scene.schema.signals import SignalPart, TimeGrid, calibration_faults
-from dynid.scene.schema.structure import StructureModel
 from dynid.suggestions import did_you_mean, shortened
 
+if TYPE_CHECKING:
+    from dynid.scene.schema.control import ControlModel
+
+#: Models of sections that few graphs have are loaded where a scene has them.
+_SCHEMA = "dynid.scene.schema"
 #: Physical domains; `mechanical` is translation.
 Domain = Literal["mechanical", "rotational", "electrical", "magnetic", "hydraulic", "acoustic", "thermal"]
 
@@ -171,9 +170,9 @@ class NodeModel(Section):
     law: Annotated[LawModel, Later()] | None = None
     domain: Domain | None = None
     matrix: _PortMatrix | None = None
-    structure: Annotated[StructureModel, Later()] | None = None
-    reduction: ReductionModel | None = None
-    joints: dict[str, Annotated[JointModel, Later()]] = {}
+    structure: Annotated[Any, Later(f"{_SCHEMA}.structure:StructureModel")] | None = None
+    reduction: Annotated[Any, Later(f"{_SCHEMA}.reduction:ReductionModel")] | None = None
+    joints: dict[str, Annotated[Any, Later(f"{_SCHEMA}.joints:JointModel")]] = {}
     ports: (
         Annotated[
             Annotated[list[_PortName], Field(min_length=1), once("the port"), Tag("list")]
@@ -252,6 +251,9 @@ class NodeModel(Section):
             raise fault("a structure is written {type: structure, structure: {…}, ports: {tip: 6}}")
         if self.value is not None or self.matrix is not None:
             raise fault("a structure has no 'value' and no 'matrix'")
+        from dynid.scene.schema.joints import ParameterModel
+        from dynid.scene.schema.reduction import structure_faults
+
         for name, joint in self.joints.items():
             if joint.points is not None:
                 raise fault(f"joint '{name}' is between points, which a structure in a bond graph has not")
@@ -486,7 +488,7 @@ class BondGraphScene(ComposedScene):
     analysis: AnalysisModel
     operating_point: Annotated[OperatingPointModel, Later()] | None = None
     initial: dict[str, InitialModel] = {}
-    design: Annotated[DesignModel, Later()] | None = None
+    design: Annotated[Any, Later(f"{_SCHEMA}.design:DesignModel")] | None = None
 
     @model_validator(mode="after")
     def _fits(self, info: ValidationInfo) -> Self:
@@ -549,6 +551,8 @@ class BondGraphScene(ComposedScene):
             node.law is not None or (node.value is not None and node.value.variable) for node in nodes
         ):
             return
+        from dynid.scene.schema.control import DELAY_REMEDY
+
         message = f"the response of nonlinear laws is not computed where a loop has a delay; {DELAY_REMEDY}"
         if self.analysis.results is None and self.analysis.time is not None:
             yield ("analysis", "time", AT_KEY), message
@@ -586,6 +590,8 @@ class BondGraphScene(ComposedScene):
         """Yield the fault of the port at which the graph is cut."""
         port, bonds = self.analysis.port, [bond for _, bond in self.graph.single_bonds]
         if port is not None:
+            from dynid.bondgraph.decomposition.graph_bisection import bond_fault, loop_fault
+
             problem = bond_fault(types, bonds, port)
             if not set(MULTIPORTS) & set(types.values()):  # else loops may pass through what a run expands
                 problem = problem or loop_fault(types, bonds, port)

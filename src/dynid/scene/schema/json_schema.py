@@ -8,6 +8,7 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
+from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
@@ -22,8 +23,9 @@ class _OfScenes(GenerateJsonSchema):
         if "model" not in schema.get("metadata", {}):
             return super().function_plain_schema(schema)
         model = schema["metadata"]["model"]()
-        model.model_rebuild()
-        return self.generate_inner(model.__pydantic_core_schema__)
+        if hasattr(model, "model_rebuild"):
+            model.model_rebuild()
+        return self.generate_inner(TypeAdapter(model).core_schema)
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         later = schema["type"] == "function-plain" and "model" in schema.get("metadata", {})

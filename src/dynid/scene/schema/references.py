@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, GetCoreSchemaHandler, ValidationInfo
+from pydantic import BaseModel, GetCoreSchemaHandler, TypeAdapter, ValidationInfo
 from pydantic_core import CoreSchema, core_schema
 
 from dynid.scene.kind import resolve
@@ -32,20 +32,25 @@ Path = tuple[Any, ...]
 class Later:
     """Annotation of a field whose model is made ready, and its module loaded, at the first value of it."""
 
-    reference: str = ""  #: The model as ``module:name``; default: the annotated class.
+    reference: str = ""  #: The model, or the union of models, as ``module:name``; default: the annotated one.
 
-    def model(self, annotated: Any = None) -> type[BaseModel]:
-        """Return the model, loaded now."""
-        model: type[BaseModel] = resolve(self.reference) or annotated
-        return model
+    def model(self, annotated: Any = None) -> Any:
+        """Return the model or union, loaded now."""
+        return resolve(self.reference) or annotated
 
     def __get_pydantic_core_schema__(self, source: Any, _: GetCoreSchemaHandler) -> CoreSchema:
         def validated(raw: Any, info: ValidationInfo) -> BaseModel:
-            return self.model(source).model_validate(raw, context=info.context)
+            section: BaseModel = _adapter(self.model(source)).validate_python(raw, context=info.context)
+            return section
 
         # The JSON Schema of scenes finds the model there.
         metadata = {"model": lambda: self.model(source)}
         return core_schema.with_info_plain_validator_function(validated, metadata=metadata)
+
+
+@cache
+def _adapter(model: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(model)
 
 
 @dataclass(frozen=True)
@@ -98,7 +103,9 @@ class _Shape:
     @cached_property
     def models(self) -> frozenset[type[BaseModel]]:
         """The models of a mapping, loaded: asked for where a scene has one."""
-        return frozenset(model.model() if isinstance(model, Later) else model for model in self.unloaded)
+        return frozenset().union(
+            *(_shape(mark.model()).models if isinstance(mark, Later) else {mark} for mark in self.unloaded)
+        )
 
     @cached_property
     def fields(self) -> Mapping[str, _Shape]:

@@ -23,7 +23,6 @@ from dynid.scene.yaml.parser import (
     resolve_plain,
     shorten,
 )
-from dynid.scene.yaml.writer import dump
 from dynid.suggestions import did_you_mean
 
 _START: Place = (1, 1)
@@ -59,7 +58,11 @@ class Source:
 
     def resolved_text(self) -> str:
         """Return the text as run: as written, or serialized again where values were overridden."""
-        return dump((self.written or self).data) if self.overridden else self.text
+        if not self.overridden:
+            return self.text
+        from dynid.scene.yaml.writer import dump
+
+        return dump((self.written or self).data)
 
 
 def read_source(path: str | os.PathLike[str]) -> Source:
