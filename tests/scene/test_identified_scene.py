@@ -7,6 +7,7 @@ import pytest
 
 import dynid
 from dynid.errors import UsageError
+from dynid.result import Result
 from dynid.scene.identified import identified_scene
 from dynid.scene.yaml.source import parse_source
 
@@ -238,3 +239,21 @@ def test_a_result_without_its_scene_is_refused(tmp_path):
     result.attrs["scene"] = ""
     with pytest.raises(UsageError, match=r"bolt\.h5 holds no scene"):
         identified_scene(result, "bolt.h5")
+
+
+def test_parameters_of_laws_stand_in_their_laws():
+    laws = (
+        "laws: [{kind: cubic, k3: {start: 2.0e9}}, {kind: power, d: 2, a: {start: 1.0e5}}, "
+        "{kind: power, d: 1, v: 1, signed: [v], a: {start: 300}}], offset: {start: 1.0e-4}"
+    )
+    result, group = Result("identification"), "identification/parameters"
+    names = ["k0", "bolt.k3", "bolt.a", "bolt.power_2.a", "bolt.offset"]
+    result.add_axis(f"{group}/parameter", names)
+    values = {"name": names, "estimate": [1.5e4, -1e9, 2e5, 500.0, 2e-4], "standard_error": np.ones(5)}
+    result.add_all(group, ("parameter",), **values)
+    result.attrs["scene"] = SCENE.replace("c: {start: 2, true: 3}}", f"c: 3, {laws}}}")
+    written = identified_scene(result)
+    bolt = parse_source(written).data["joints"]["bolt"]
+    assert [bolt["laws"][0]["k3"], bolt["laws"][1]["a"], bolt["laws"][2]["a"]] == [-1e9, 2e5, 500.0]
+    assert bolt["offset"] == 2e-4
+    assert "# Two masses with a bolt." in written

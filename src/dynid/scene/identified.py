@@ -18,6 +18,7 @@ from dynid.scene.schema.raw import mapping, written_key
 from dynid.scene.yaml.parser import Path
 from dynid.scene.yaml.source import Source, parse_source
 from dynid.scene.yaml.writer import dump, edited
+from dynid.structure.joint_laws import LAWS
 
 #: Keys that belong to the identification alone.
 _OF_IDENTIFICATION = {
@@ -112,10 +113,28 @@ def _place_of_unknown(data: Any, name: str) -> Path:
     if parameter in mapping(copies, key := written_key(copies, number)):
         return ("graph", "nodes", line, "copies", key, parameter)
     joints = {str(key): key for key in mapping(data, "joints")}
+    for joint, key in joints.items():
+        if (place := dict(_places_of_laws(joint, data["joints"][key])).get(name)) is not None:
+            return ("joints", key, *place)
     joint, _, letter = holder.rpartition(".")  # of a joint between points: bolt.k.x
     if joint in joints and holder not in joints:
         return ("joints", joints[joint], letter, parameter)
     return ("joints", joints[holder], parameter) if holder in joints else ()
+
+
+def _places_of_laws(joint: str, data: Any) -> Iterator[tuple[str, Path]]:
+    """Yield the names of the parameters of a joint's laws, as of `Joint.law_parameters`, with their paths."""
+    earlier: dict[str, list[str]] = {}  # kinds by component
+    for index, law in enumerate(data.get("laws") or ()):
+        kind, component = law["kind"], f".{law['component']}" if "component" in law else ""
+        kinds = earlier.setdefault(component, [])
+        names = {*getattr(LAWS[kind], "names", ())}
+        count = kinds.count(kind) + 1
+        numbered = f"{kind}_{count}" if count > 1 else kind
+        shared = any(names & {*getattr(LAWS[before], "names", ())} for before in kinds)
+        prefix = f"{joint}.{numbered}" if shared else joint
+        kinds.append(kind)
+        yield from ((f"{prefix}.{name}{component}", ("laws", index, name)) for name in names)
 
 
 def _dropped(data: Any) -> set[str]:
@@ -187,9 +206,10 @@ def _changed_at(data: Any, path: Path, value: Any) -> Any:
     """Return data with another value at a path, mappings on the way copied."""
     if not path:
         return value
-    copy = dict(data or {})
-    copy[path[0]] = _changed_at(copy.get(path[0]), path[1:], value)
-    return copy
+    key = path[0]
+    if isinstance(data, list):
+        return [*data[:key], _changed_at(data[key], path[1:], value), *data[key + 1 :]]
+    return {**(data or {}), key: _changed_at((data or {}).get(key), path[1:], value)}
 
 
 def _without_keys(text: str, keys: set[str], data: Any) -> str:
