@@ -10,11 +10,14 @@ from dynid.identification.diagnosis.idle_laws import idle_laws
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
+from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify
 from dynid.identification.likelihood.nonlinear_record import NonlinearRecord, growing
+from dynid.identification.planning.plan import plan
 from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Multisine
+from dynid.report.content import content
 from dynid.structure.joint_laws import Cubic, Gap, Jenkins
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -44,8 +47,17 @@ def experiment(samples, noise=0.0, amplitude=6.0):
     return Experiment((Load(2, force),), Measurement(STEP, samples, channels, Simulation(noise, 1)))
 
 
+def likelihood_of(kind, samples, factor=1.0, **options):
+    return Problem.of(model(kind, factor), experiment(samples, **options)).likelihood
+
+
+def idle(kind, **options):
+    likelihood = likelihood_of(kind, 60, **options)
+    return list(idle_laws(likelihood, likelihood.fit(truth(likelihood.records[0]))))
+
+
 def record_of(kind, samples, factor=1.0, **options):
-    (record,) = Problem.of(model(kind, factor), experiment(samples, **options)).likelihood.records
+    (record,) = likelihood_of(kind, samples, factor, **options).records
     assert isinstance(record, NonlinearRecord)
     return record
 
@@ -117,19 +129,50 @@ def test_a_slider_that_sticks_is_named_with_the_excitation_that_moves_it():
         fit = record.fit(truth(record), record.data.values)
         sizes = np.abs(record.predicted(fit).by_parameter).max(axis=(0, 1))
         assert sizes[3] < 1e-6 * sizes[2]  # of the slip force, which does not act, and the spring
-        sentences += idle_laws(record, fit)
+        sentences += idle("jenkins", amplitude=amplitude)
     factors = [float(sentence.rpartition("excitation ")[2].split()[0]) for sentence in sentences]
     assert "joint bolt never slips in this record" in sentences[0]
     assert factors[0] == pytest.approx(10 * factors[1], rel=0.1)
     # With that much excitation it slips.
-    record = record_of("jenkins", 60, amplitude=0.11 * factors[1])
-    assert list(idle_laws(record, record.fit(truth(record), record.data.values))) == []
+    assert idle("jenkins", amplitude=0.11 * factors[1]) == []
 
 
 def test_a_gap_that_stays_open_is_named():
-    record = record_of("gap", 60, amplitude=0.1)
-    (sentence,) = idle_laws(record, record.fit(truth(record), record.data.values))
+    (sentence,) = idle("gap", amplitude=0.1)
     assert "joint bolt never closes in this record" in sentence
+
+
+def test_a_plan_has_the_bounds_of_other_amplitudes():
+    small = plan(model("jenkins"), [experiment(60, 0.01, amplitude=0.4)])
+    bounds = dict(zip(small["plan/amplitude/factor"].data, small["plan/amplitude/bound"].data, strict=True))
+    identifiable = "identification/identifiability/relative_bound"
+    np.testing.assert_allclose(bounds[1], small[identifiable].data, rtol=1e-6)
+    assert np.isinf(bounds[1][[0, 2, 3]]).all()
+    assert np.isfinite(bounds[8]).all()
+    assert "bolt never slips" in small.group_attrs["identification/identifiability"]["laws"]
+    # The same as those of a record with that excitation and this noise.
+    noise = small["identification/identifiability/noise/deviation"].data
+    large = identifiability(model("jenkins"), [experiment(60, 0.01, amplitude=3.2)])
+    ratio = large["identification/identifiability/noise/deviation"].data / noise
+    assert ratio == pytest.approx([8, 8], rel=0.3)
+    low, high = ratio.min(), ratio.max()
+    assert np.all(bounds[8] * low < large[identifiable].data * 1.001)
+    assert np.all(bounds[8] * high > large[identifiable].data * 0.999)
+    labels = [
+        row[0]
+        for part in content(small).sections
+        if part.title == "Excitation"
+        for row in part.blocks[0].rows
+    ]
+    assert labels == ["× 0.25", "× 0.5", "× 1", "× 2", "× 4", "× 8"]
+
+
+def test_relative_bounds_of_a_plan_are_over_values_of_any_sign():
+    planned = plan(model("cubic"), [experiment(60, 0.01)])
+    present = planned["plan/sensors/present_bound"].data
+    np.testing.assert_allclose(
+        present, planned["identification/identifiability/relative_bound"].data, rtol=1e-6
+    )
 
 
 @pytest.mark.slow

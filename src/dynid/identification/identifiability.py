@@ -54,6 +54,13 @@ class ExpectedRecords:
         return named(self.likelihood.unknowns, self.fit.eta)
 
     @property
+    def relative_rates(self) -> Array:
+        """Derivatives of the parameters by their coordinates, over their sizes (p): 1 of logarithms."""
+        size = np.abs(values(self.likelihood.unknowns, self.fit.eta))
+        rate = np.abs(rates(self.likelihood.unknowns, self.fit.eta))
+        return np.where(size > 0, rate, np.inf) / np.where(size > 0, size, 1.0)
+
+    @property
     def redundancy(self) -> int:
         """Number of independent values that the records resolve beyond the unknowns."""
         compared = compare_models(self.likelihood, self.fit)
@@ -130,7 +137,8 @@ def identifiability(
         `modal_sensitivity/{mode, omega, zeta, omega_by_parameter, zeta_by_parameter}`: exact derivatives of
         size and damping ratio of each pole; where unknowns are interchangeable,
         `interchangeable/{set, optima, undecided}`: which, the number of optima with equal likelihood, and how
-        many of these priors and limits leave (attribute `deciding`: what would decide).
+        many of these priors and limits leave (attribute `deciding`: what would decide). The attribute `laws`
+        names nonlinear laws of joints that do not act in the records, with the excitation that would.
 
     Raises
     ------
@@ -189,6 +197,10 @@ def identifiability_result(model: Model, expected: ExpectedRecords) -> Result:
     result.add(f"{group}/condition", (s[0] / s[-1]) ** 2 if s[-1] > _NOT_IDENTIFIABLE * s[0] else np.inf)
     _add_groups(result, information)
     _add_interchangeable(result, model, expected)
+    if not all(record.superposes for record in records):
+        from dynid.identification.diagnosis.idle_laws import idle_laws  # of joints with laws alone
+
+        result.annotate(group, laws="\n".join(idle_laws(expected.likelihood, expected.fit)))
     # The bound on the deviation of the noise is sigma over the root of twice the number of values.
     channels = channels_of_records(records)
     unit = common_unit(channel.unit for channel in channels)

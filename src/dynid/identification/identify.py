@@ -362,8 +362,7 @@ def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
     if not all(record.superposes for record in posterior.likelihood.records):
         from dynid.identification.diagnosis.idle_laws import idle_laws  # of joints with laws alone
 
-        fits = zip(posterior.likelihood.records, posterior.fit.parts, strict=True)
-        idle = dict.fromkeys(text for record, fit in fits for text in idle_laws(record, fit))
+        idle = idle_laws(posterior.likelihood, posterior.fit)
         posterior = replace(posterior, mistakes=(*posterior.mistakes, *idle))
     try:
         posterior.check()

@@ -10,32 +10,44 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.nonlinear_record import NonlinearRecord
-from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.likelihood.record_likelihood import RecordFit
 from dynid.number_format import short_percent
-from dynid.structure.joint_laws import Gap, Jenkins
+from dynid.structure.joint_laws import Gap, Jenkins, Law
 
 
-def idle_laws(record: RecordLikelihood, fit: RecordFit) -> Iterator[str]:
-    """Yield one sentence for each law that does not act in a record at a fit."""
-    if not isinstance(record, NonlinearRecord):
-        return
+def idle_laws(likelihood: Likelihood, fit: Fit) -> Iterator[str]:
+    """Yield one sentence for each law that does not act in any record at a fit."""
+    reached: dict[tuple[str, int], tuple[float, Law]] = {}
+    for record, record_fit in zip(likelihood.records, fit.parts, strict=True):
+        if isinstance(record, NonlinearRecord):
+            for key, (ratio, law) in _reached(record, record_fit):
+                reached[key] = max(ratio, reached.get(key, (0.0, law))[0]), law
+    for (name, _), (ratio, law) in reached.items():
+        if not 0 < ratio < 1:
+            continue
+        does, limit, unknown = ("never slips", "the slip force", f"{name}.fs")
+        if isinstance(law, Gap):
+            does, limit, unknown = ("never closes", "the clearance", f"{name}.kg and clearance")
+        records = "this record" if len(likelihood.records) == 1 else "these records"
+        yield (
+            f"joint {name} {does} in {records} (it reaches {short_percent(100 * ratio)} of {limit}): "
+            f"{unknown} cannot be identified; an excitation {1 / ratio:.2g} times as large reaches it"
+        )
+
+
+def _reached(record: NonlinearRecord, fit: RecordFit) -> Iterator[tuple[tuple[str, int], tuple[float, Law]]]:
+    """Yield joint and place of each law, and the part of its slip force or clearance that it reaches."""
     motion, hidden, laws = record.joint_motion(fit)
     z = iter(hidden)
-    for name, bound in laws:
-        d = motion[:, bound.row] + bound.offset
+    for place, (name, bound) in enumerate(laws):
+        d = motion[:, bound.row]
         first = next(z) if bound.law.hidden else 0.0
         if isinstance(bound.law, Jenkins):
             kt, fs = bound.values
-            reached = float(np.abs(kt * (motion[:, bound.row] - first)).max()) / fs
-            does, limit, unknown = "never slips", "the slip force", f"{name}.fs"
+            yield (name, place), (float(np.abs(kt * (d - first)).max()) / fs, bound.law)
         elif isinstance(bound.law, Gap):
-            reached = max(float((side * d).max()) for side in bound.law.sides) / bound.values[1]
-            does, limit, unknown = "never closes", "the clearance", f"{name}.kg and clearance"
-        else:
-            continue
-        if 0 < reached < 1:
-            yield (
-                f"joint {name} {does} in this record (it reaches {short_percent(100 * reached)} of {limit}): "
-                f"{unknown} cannot be identified; an excitation {1 / reached:.2g} times as large reaches it"
-            )
+            shifted, clearance = d + bound.offset, max(bound.values[1], np.finfo(float).tiny)
+            ratio = max(float((side * shifted).max()) for side in bound.law.sides) / clearance
+            yield (name, place), (ratio, bound.law)

@@ -121,12 +121,6 @@ def candidate_sines(
     rate = rates(system.unknowns, expected.fit.eta)
     record = expected.likelihood.records[0]
     assert isinstance(record, TimeRecord)
-    if not record.superposes:
-        raise UsageError(
-            "candidate sines are superposed, and a joint has nonlinear laws",
-            remedy="Plan sensors for the excitation of the scene, or the excitation for the linear joints.",
-            names=("plan.excitation",),
-        )
     inputs = record.model.inputs()
     rms = float(np.sqrt(np.mean(np.sum(inputs**2, axis=1)))) if inputs.size else 0.0
     rms = rms or 1.0

@@ -81,8 +81,9 @@ def plan(
         ``identification/identifiability/`` as of `identifiability`, ``identification/considered/`` as of
         `add_expected_slopes`, ``plan/sensors/`` as of `_add_sensors`,
         ``plan/excitation/`` as of `add_excitation` (not where a motion is prescribed: a force in its place
-        would act on another structure). Bounds are relative to the values, and infinite where a
-        parameter is not identifiable from a design.
+        would act on another structure); with nonlinear joints, whose responses to sines do not add up,
+        ``plan/amplitude/`` as of `add_amplitudes` instead. Bounds are relative to the values, and infinite
+        where a parameter is not identifiable from a design.
 
     Raises
     ------
@@ -104,8 +105,14 @@ def plan(
         channels = request.candidates or every_channel(model, request.quantities)
         report_progress(f"ranking {counted(len(channels), 'sensor')}")
         sensors = candidate_sensors(model, experiment, expected, channels, request.noise)
-        _add_sensors(result, sensors, channels_present, names, request.sensors or len(channels_present))
-        if all(load.motion is None for load in experiment.loads):
+        count = request.sensors or len(channels_present)
+        _add_sensors(result, sensors, channels_present, names, count, expected.relative_rates)
+        if not all(record.superposes for record in expected.likelihood.records):
+            from dynid.identification.planning.amplitude import add_amplitudes  # of joints with laws alone
+
+            report_progress("other amplitudes of the excitation")
+            add_amplitudes(result, model, experiment, expected)
+        elif all(load.motion is None for load in experiment.loads):
             dofs: Sequence[Label] = request.dofs
             if not dofs and isinstance(model, IdentifiedGraph):
                 dofs = [name for name, node in model.graph.nodes.items() if node.type in SOURCES]
@@ -242,8 +249,9 @@ def _add_sensors(
     present_channels: Sequence[Any],
     names: Sequence[str],
     count: int,
+    relative: Array,
 ) -> None:
-    """Add the ranking of sensors to a result."""
+    """Add the ranking of sensors to a result; `relative`: relative bounds over those of coordinates (p)."""
     # ``plan/sensors/``: of each `candidate` its `noise`, `rms` and `bound_alone` (candidate x parameter);
     # the `choice` of the best, in the order of their gains, with the relative `bound` after each (choice x
     # parameter) and its `gain`, the factor by which it narrows the bounds (geometric mean); `present`, the
@@ -255,15 +263,15 @@ def _add_sensors(
     units = [channel.unit for channel in sensors.channels]
     result.add(f"{group}/unit", units, ("candidate",))
     result.add_all(group, ("candidate",), common_unit(units), noise=sensors.noise, rms=sensors.rms)
-    alone = [candidates.bounds([k]) for k in range(len(sensors.channels))]
+    alone = [relative * candidates.bounds([k]) for k in range(len(sensors.channels))]
     result.add(f"{group}/bound_alone", alone, ("candidate", "parameter"))
     result.add_axis(f"{group}/choice", [sensors.channels[k].name for k in chosen])
     result.add(f"{group}/gain", candidates.steps(chosen), ("choice",))
-    bounds = [candidates.bounds(chosen[: k + 1]) for k in range(len(chosen))]
+    bounds = [relative * candidates.bounds(chosen[: k + 1]) for k in range(len(chosen))]
     result.add(f"{group}/bound", bounds, ("choice", "parameter"))
     present = sensors.places(present_channels)
     result.add_axis(f"{group}/present", [sensors.channels[k].name for k in present])
-    result.add(f"{group}/present_bound", candidates.bounds(present), ("parameter",))
+    result.add(f"{group}/present_bound", relative * candidates.bounds(present), ("parameter",))
     lost = candidates.worth(present) - candidates.worth(chosen)
     result.add(f"{group}/efficiency", np.exp(lost / (2 * len(names))))
     result.annotate(group, left_out=", ".join(sensors.still[:100]))

@@ -42,7 +42,9 @@ def identifiability_sections(result: Result) -> Iterator[ReportSection]:
     """Yield bounds with collinear parameters, and the sensitivities of the modes to the parameters."""
     if f"{GROUP}/relative_bound" not in result:
         return
-    blocks = (_bound_table(result), *_collinear_groups(result), *_interchangeable(result))
+    idle = str(result.group_attrs[GROUP].get("laws", ""))
+    laws = [Statement(text, "bad") for text in idle.split("\n") if text]
+    blocks = (_bound_table(result), *_collinear_groups(result), *_interchangeable(result), *laws)
     yield ReportSection("Identifiability", blocks, screen="identifiability")
     yield ReportSection("Parameters and modes", (_modal_shifts(result),), screen="")
 

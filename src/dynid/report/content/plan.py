@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from dynid.number_format import counted, span_text
 from dynid.report.content.blocks import ALL, ReportSection, Statement, TextTable
 from dynid.report.content.identifiability import bound_text, calibration_sections, identifiability_sections
@@ -21,7 +23,10 @@ def method(result: Result) -> str:  # noqa: ARG001 - every kind has one
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of a plan."""
     yield _sensors(result)
-    yield from _excitation(result)
+    if "plan/amplitude/bound" in result:
+        yield _amplitudes(result)
+    else:
+        yield from _excitation(result)
     yield from identifiability_sections(result)
     yield from calibration_sections(result)
 
@@ -42,6 +47,21 @@ def _sensors(result: Result) -> ReportSection:
     heads = ("", *map(str, result[f"{group}/parameter"].data), "gain")
     table = TextTable(heads, tuple(rows), caption=best, brief=ALL, most=ALL)
     return ReportSection("Sensors", (table, _efficiency(result, group, "sensors")), "answer", screen="")
+
+
+def _amplitudes(result: Result) -> ReportSection:
+    """Return the bounds with multiples of the present excitation, of structures with nonlinear joints."""
+    group = "plan/amplitude"
+    factors, bounds = result[f"{group}/factor"].data, result[f"{group}/bound"].data
+    rows = tuple(
+        (f"× {factor:g}", *("cannot be followed" if np.isnan(bound) else bound_text(bound) for bound in row))
+        for factor, row in zip(factors, bounds, strict=True)
+    )
+    heads = ("excitation", *map(str, result[f"{group}/parameter"].data))
+    caption = "bounds with a multiple of the present excitation, its noise and sensors as they are"
+    table = TextTable(heads, rows, caption=caption, brief=ALL, most=ALL)
+    note = "sines are not ranked: with nonlinear joints responses to them do not add up"
+    return ReportSection("Excitation", (table, Statement(note)), "answer", screen="")
 
 
 def _excitation(result: Result) -> Iterator[ReportSection]:

@@ -146,7 +146,8 @@ def _of_model(
     if structure.parameters:
         parameters = counted(len(structure.unknowns), "unknown parameter")
     else:
-        parameters += f" of {sum(len(joint.terms) for joint in structure.joints)} joint parameters"
+        count = sum(len(joint.terms) + sum(map(len, joint.law_parameters)) for joint in structure.joints)
+        parameters += f" of {count} joint parameters"
     if reduction is None:
         yield Fact("model", f"{n:,} DOFs: {2 * n:,} physical states; {parameters}")
         return

@@ -201,7 +201,7 @@ LAYOUT: dict[str, str] = {
     ),
     "identification/identifiability": (
         "at noise parameter unit value bound relative_bound relative_bound_known_state identifiable "
-        "singular_value direction condition"
+        "singular_value direction condition laws"
     ),
     "identification/identifiability/noise": "channel deviation bound",
     "identification/identifiability/groups": (
