@@ -12,7 +12,7 @@ from dynid.cli.check import _received, seconds_text, size_text
 from dynid.cli.screen import section_lines
 from dynid.errors import Singular
 from dynid.report.content.identifiability import identifiability_sections
-from dynid.scene.explanations.explanation import explain, peak_megabytes, trial
+from dynid.scene.explanation import explain, peak_megabytes, trial
 from dynid.scene.load import check_source, load_scene
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source

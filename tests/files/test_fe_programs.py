@@ -16,7 +16,7 @@ from dynid.files import input_file
 from dynid.files.fe_text import check_reference
 from dynid.files.read_matrix import MatrixFile, read_matrix
 from dynid.files.read_structure import imported, model_files, read_nodes
-from dynid.scene.explanations.explanation import explain
+from dynid.scene.explanation import explain
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from dynid.structure.modes.modes import modes

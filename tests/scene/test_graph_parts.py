@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 
 import dynid
 from dynid.errors import SceneError, UsageError
-from dynid.scene.explanations.explanation import explain
+from dynid.scene.explanation import explain
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 from dynid.structure.assembly import PointMass, Spring, Support
@@ -381,13 +381,6 @@ STRUCTURE = "{type: structure, structure: {lumped: {masses: [1]}}, "
         ),
         ("{type: structure, ports: {a: 1}}", "one -> r", "r.f", "a structure is written {type: structure", 8),
         (f"{STRUCTURE}ports: [a]}}", "one -> r", "r.f", "a structure is written {type: structure", 8),
-        (
-            STRUCTURE + "joints: {j: {dofs: [1], k: 1, laws: [{kind: cubic, k3: 1}]}}, ports: {a: 1}}",
-            "one -> r",
-            "r.f",
-            "joint 'j' has nonlinear laws, and a bond graph takes a structure as linear",
-            8,
-        ),
         (
             f"{STRUCTURE}value: 1, ports: {{a: 1}}}}",
             "one -> r",

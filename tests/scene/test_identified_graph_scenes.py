@@ -13,7 +13,7 @@ from dynid.identification.planning.plan import every_variable
 from dynid.report.content import content
 from dynid.report.figure import figures
 from dynid.scene.batch import why_alone
-from dynid.scene.explanations.explanation import explain
+from dynid.scene.explanation import explain
 from dynid.scene.kinds.planning import run_plan
 from dynid.scene.load import check_source
 from dynid.scene.run import preparation_errors, run_scene

@@ -100,7 +100,7 @@ def test_a_measurement_that_does_not_fit_is_refused(scene, old, new, message):
 
 
 def test_explanation_says_what_is_read(scene):
-    from dynid.scene.explanations.explanation import explain
+    from dynid.scene.explanation import explain
 
     facts = {fact.topic: fact.text for fact in explain(dynid.load_scene(scene())).facts}
     assert facts["responses"] == "2 responses to 1 reference (3)"

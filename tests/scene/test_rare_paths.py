@@ -7,7 +7,7 @@ import pytest
 from scipy.io import savemat
 
 from dynid.errors import DynidError, UsageError
-from dynid.scene.explanations.explanation import explain
+from dynid.scene.explanation import explain
 from dynid.scene.kinds.identification import preparation_steps
 from dynid.scene.kinds.modes import modal_measurement
 from dynid.scene.kinds.parts import structure_of

@@ -6,7 +6,7 @@ import yaml
 
 import dynid
 from dynid.errors import SceneError, UsageError
-from dynid.scene.explanations.identification import explain
+from dynid.scene.kinds.explain_identification import explain
 from dynid.scene.kinds.parts import structure_of
 from dynid.scene.load import load_scene
 

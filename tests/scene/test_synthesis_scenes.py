@@ -9,7 +9,7 @@ import dynid
 from dynid.cli import main
 from dynid.errors import NumericalError, SceneError
 from dynid.report.figure import figures
-from dynid.scene.explanations.explanation import explain
+from dynid.scene.explanation import explain
 from dynid.store import read_result
 
 MINIMUM = "impedance: {numerator: [1, 1, 1], denominator: [1, 1, r]}\nparameters: {r: 4}\n"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import DynidError
-from dynid.scene.explanations.explanation import Report, forecast, trial
+from dynid.scene.explanation import Report, forecast, trial
 from dynid.scene.load import load_scene
 
 

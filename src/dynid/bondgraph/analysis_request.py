@@ -91,7 +91,7 @@ SAMPLED: frozenset[ResultName] = frozenset(
     {"properties", "step_info", "frequency_response", "time_response", "causality"}
 )
 #: Most lines of a graph: the terms of its characteristic function double with each.
-MAX_LINES = 8
+MAX_TRANSMISSION_LINES = 8
 #: Results of graphs with lines (TL).
 WITH_LINES: frozenset[ResultName] = frozenset(
     {"transfer_function", "zeros", "poles", "properties", "step_info", "frequency_response", "time_response"}

@@ -21,7 +21,7 @@ from dynid.errors import DynidError, Fault, FileError, SceneError
 from dynid.progress import progress_to, report_progress
 
 if TYPE_CHECKING:
-    from dynid.scene.explanations.explanation import Cost, Explanation
+    from dynid.scene.explanation import Cost, Explanation
     from dynid.scene.load import Scene
 
 #: Wall-clock seconds for each second of processor time, on a busy machine.
@@ -54,10 +54,10 @@ def explained(scene: Scene, overrides: tuple[str, ...]) -> Explained:
     Raises `DynidError` where a file of the scene cannot be read.
     """
     from dynid.cli.text import columns
-    from dynid.scene.explanations.explanation import LIMIT
+    from dynid.scene.explanation import TRIAL_SECONDS
     from dynid.trial import limits_processor_time, messages
 
-    seconds = LIMIT * (_PATIENCE if limits_processor_time() else 1)
+    seconds = TRIAL_SECONDS * (_PATIENCE if limits_processor_time() else 1)
     arguments = (str(columns()), scene.source.file, *overrides)
     stream = messages("dynid.cli.check:explain_file", *arguments, seconds=seconds)
     if stream is not None:
@@ -69,7 +69,7 @@ def explained(scene: Scene, overrides: tuple[str, ...]) -> Explained:
 
 def _received(stream: Iterable[dict[str, Any]]) -> Explained:
     """Return the explanation of which a stream has the parts."""
-    from dynid.scene.explanations.explanation import Cost
+    from dynid.scene.explanation import Cost
 
     answer, work = Explained(), "reading the scene"
     for message in stream:
@@ -95,13 +95,13 @@ def _received(stream: Iterable[dict[str, Any]]) -> Explained:
 def explain_file(send: Send, width: str, path: str, *overrides: str) -> None:
     """Explain the scene of a file for a screen of some width: what the separate process does."""
     from dynid.cli.text import screen_elsewhere
-    from dynid.scene.explanations.explanation import LIMIT
+    from dynid.scene.explanation import TRIAL_SECONDS
     from dynid.scene.load import load_scene
     from dynid.trial import limit_processor_time
 
     screen_elsewhere.set(int(width))
     scene = load_scene(path, overrides)
-    limit_processor_time(LIMIT + _SLACK)
+    limit_processor_time(TRIAL_SECONDS + _SLACK)
     try:
         _explain_in_parts(scene, send)
     except FileError as error:
@@ -112,7 +112,7 @@ def explain_file(send: Send, width: str, path: str, *overrides: str) -> None:
 
 def _explain_in_parts(scene: Scene, send: Send) -> None:
     """Send the explanation of a scene, then its failure, or its cost by a trial run."""
-    from dynid.scene.explanations.explanation import LIMIT, explain, trial
+    from dynid.scene.explanation import TRIAL_SECONDS, explain, trial
     from dynid.scene.kinds.study import base_scene
 
     def report(text: str) -> None:
@@ -144,7 +144,9 @@ def _explain_in_parts(scene: Scene, send: Send) -> None:
         try:
             if obstacle is not None:
                 raise obstacle
-            send({"cost": trial(scene, max(0.0, LIMIT - (time.process_time() - began)), heard=report)})
+            send(
+                {"cost": trial(scene, max(0.0, TRIAL_SECONDS - (time.process_time() - began)), heard=report)}
+            )
         except FileError:
             raise
         except DynidError as error:
@@ -168,9 +170,11 @@ def _explanation_lines(explanation: Explanation) -> Iterator[str]:
 
 def _cost_lines(answer: Explained, loading: float) -> Iterator[str]:
     """Yield the cost of a run; `loading` are the seconds in which a scene is read, a part of every run."""
-    from dynid.scene.explanations.explanation import LIMIT
+    from dynid.scene.explanation import TRIAL_SECONDS
 
-    cut_off = f"after {LIMIT:g} s of processor time it was at '{answer.cut_off}', which has no forecast"
+    cut_off = (
+        f"after {TRIAL_SECONDS:g} s of processor time it was at '{answer.cut_off}', which has no forecast"
+    )
     cost = answer.cost
     if cost is not None:
         seconds, memory = seconds_text(loading + cost.seconds), size_text(1e6 * cost.megabytes)
@@ -179,7 +183,7 @@ def _cost_lines(answer: Explained, loading: float) -> Iterator[str]:
     elif answer.cut_off is not None and not answer.lines:
         yield from _paragraphs([*_hanging("cut off", f"the explanation is not complete: {cut_off}")])
     elif answer.cut_off is not None:
-        text = f"more than {LIMIT:g} s (a trial run was cut off: {cut_off})"
+        text = f"more than {TRIAL_SECONDS:g} s (a trial run was cut off: {cut_off})"
         yield from _paragraphs([*_hanging("cost", text)])
     yield ""
 

@@ -24,7 +24,7 @@ from dynid.suggestions import did_you_mean, shortened
 _WHAT = "a workbook"
 _CHUNK, _MAX_TAG = 1 << 20, 40  # bytes of a sheet that are searched at a time, and of the start of a tag
 #: Bytes of a workbook that are read in a second, at least.
-_BYTES_A_SECOND = 100_000
+_WORKBOOK_BYTES_A_SECOND = 100_000
 
 
 def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
@@ -47,7 +47,7 @@ def sheets_of(file: DataFile) -> list[str]:
 
 
 def _archive_of(file: DataFile) -> Path:
-    return converted(file, _WHAT, "openpyxl", archive, bytes_a_second=_BYTES_A_SECOND)
+    return converted(file, _WHAT, "openpyxl", archive, bytes_a_second=_WORKBOOK_BYTES_A_SECOND)
 
 
 def _sheets(archive_file: Path) -> dict[str, _Sheet]:

@@ -29,7 +29,6 @@ from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError, UsageError
 from dynid.number_format import counted
 from dynid.structure.matrices import DependentMatrix, Matrix, as_array
-from dynid.structure.modes.modes import modes
 
 if TYPE_CHECKING:
     from dynid.structure.joints import Joint
@@ -129,6 +128,8 @@ class ModalDamping:
         gets mass, and NumericalError where modes of one frequency have different ratios.
         """
         mass, stiffness = as_array(M.at(values)), as_array(K.at(values))
+        from dynid.structure.modes.modes import modes
+
         found_modes = modes(mass, np.zeros_like(mass), stiffness, backend="dense")
         omega, shapes = found_modes.omega, found_modes.shapes
         momentum = mass @ shapes

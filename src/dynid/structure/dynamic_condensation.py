@@ -25,7 +25,7 @@ from dynid.lti.frequency_response import checked_solve
 # Elimination pays where at most this part of the coordinates is kept.
 _MAX_KEPT_SHARE = 0.6
 # Sums whose terms exceed them by this factor lose too many digits: near a resonance of the eliminated part.
-_MAX_CANCELLATION = 1e4
+_MAX_CANCELLED = 1e4
 # Relative singular values of the parts that vary: above the first they count, below the second they are
 # rounding. With others between them the rank is unclear.
 _COUNTS, _ROUNDING = 1e-9, 1e-13
@@ -102,8 +102,8 @@ class CondensedLines:
             np.abs(across * matrix).max(axis=(1, 2), initial=0.0) for matrix in (Z, self.stiffness)
         )
         level = np.abs(H) + np.median(np.abs(H), axis=0)
-        cancelled = (subtracted > _MAX_CANCELLATION * size) | np.any(
-            np.abs(self.compliance) > _MAX_CANCELLATION * level, axis=1
+        cancelled = (subtracted > _MAX_CANCELLED * size) | np.any(
+            np.abs(self.compliance) > _MAX_CANCELLED * level, axis=1
         )
         return H, motion, self.usable & ~bad & ~cancelled
 

@@ -18,7 +18,7 @@ from dynid.errors import FileError, NumericalError, UsageError
 from dynid.number_format import counted
 from dynid.progress import report_progress
 from dynid.scene.batch import why_alone
-from dynid.scene.explanations.explanation import (
+from dynid.scene.explanation import (
     Cost,
     Explanation,
     Fact,

@@ -21,14 +21,14 @@ from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.templates.chain import distinct
 
-POINTS = 1000
+_LINES = 1000
 #: Errors of smaller responses, which are next to the least doubles, are relative to this.
 _MIN_BENCH_RESPONSE = 1e-280
 
 
 def frequencies() -> Any:
     """Return the angular frequencies of the responses, rad/s."""
-    return np.geomspace(0.1, 60.0, POINTS)
+    return np.geomspace(0.1, 60.0, _LINES)
 
 
 def _by_reduction(model: Callable[[int], ReducedGraph]) -> Callable[[int], Any]:
@@ -118,7 +118,7 @@ def _polynomials(stages: int) -> Any:
 
 def distance(response: Any, exact: Callable[[Any], list[complex]], count: int = 25) -> float:
     """Return the largest relative error of a response at `count` of its frequencies."""
-    places = np.linspace(0, POINTS - 1, count).astype(int)
+    places = np.linspace(0, _LINES - 1, count).astype(int)
     true = np.array(exact(frequencies()[places]))
     with np.errstate(all="ignore"):
         errors = np.abs(response[places] - true) / np.maximum(np.abs(true), _MIN_BENCH_RESPONSE)

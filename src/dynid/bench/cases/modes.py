@@ -16,7 +16,7 @@ from dynid.bench.benchmark import Alternative, Benchmark
 
 #: Approximate DOFs of the plate with many modes.
 _DOFS = 600
-COUNT = 10
+_MODE_COUNT = 10
 #: Stiffness and mass of a mesh, by its approximate number of DOFs.
 Mesh = Callable[[int], tuple[Any, Any]]
 
@@ -53,7 +53,7 @@ def lowest_modes(mesh: Mesh, solvers: Sequence[str], **described: Any) -> Benchm
     """Return the benchmark of a mesh with some of the solvers, described as in `Benchmark`."""
 
     def task(dofs: int) -> tuple[Any, Any, int]:
-        return *mesh(dofs), COUNT
+        return *mesh(dofs), _MODE_COUNT
 
     candidates = (
         *(Alternative(name, partial(_lowest, backend=name)) for name in ("ldl", "splu")),
@@ -82,12 +82,12 @@ def reference(mesh: Mesh, dofs: int) -> Any:
     from scipy.sparse.linalg import eigsh, splu
 
     K, M = mesh(dofs)
-    _, shapes = eigsh(K, COUNT + 4, M, sigma=0.0, tol=0)
+    _, shapes = eigsh(K, _MODE_COUNT + 4, M, sigma=0.0, tol=0)
     factor = splu(K, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}, diag_pivot_thresh=0.0)
     for _ in range(2):
         shapes = np.linalg.qr(factor.solve(M @ shapes))[0]
     small = [shapes.T @ (matrix @ shapes) for matrix in (K, M)]
-    return eigh(*small, eigvals_only=True)[:COUNT]
+    return eigh(*small, eigvals_only=True)[:_MODE_COUNT]
 
 
 @lru_cache(maxsize=1)

@@ -22,7 +22,7 @@ _REMARKS = {
 #: Remarks that belong to the answer: without them the table cannot be read.
 _NEEDED = ("error", *(_REMARKS[name] for name in ("failed", "late", "missing", "chosen")))
 #: Most rows of which all are in the answer; of more, those that are Pareto-optimal or the default.
-_FEW = 8
+_FEW_ROWS = 8
 _SIGNS = "● Pareto-optimal in time and error; › the suite's default"
 
 
@@ -44,7 +44,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         about, name = result.group_attrs[group], group.partition("/")[2]
         rows = [row for name in _alternatives(result, group) for row in benchmark_rows(result, group, name)]
         rows.sort(key=lambda row: row.size)
-        first = ([row for row in rows if row.marks] or rows) if len(rows) > _FEW else rows
+        first = ([row for row in rows if row.marks] or rows) if len(rows) > _FEW_ROWS else rows
         statements = {
             term: Statement(f"{term}: {with_infinity(text)}", "bad" if term == "failed" else "")
             for term, text in remarks(result, group)

@@ -46,7 +46,7 @@ _HALF_WIDTH = 1.959963984540054
 #: Condition number of the information above which parameters are badly conditioned.
 _BADLY = 1e3
 #: Residuals, relative to the signal, below which they are rounding of doubles over thousands of steps.
-_RESIDUAL_ROUND_OFF = 1e-11
+_FIT_ROUND_OFF = 1e-11
 _MEASURED, _DIAGNOSTICS = "identification/measurement", "identification/diagnostics"
 _PARAMETERS, _REJECTED = "identification/parameters", "identification/rejected"
 _NONLINEARITY, _LAWS = "identification/nonlinearity", "identification/laws"
@@ -327,7 +327,7 @@ def lacks_fit(result: Result) -> bool:
 def _is_round_off(result: Result) -> bool:
     """Return True if all residuals are round-off, as of a record without noise."""
     ratio = result.get(f"{_DIAGNOSTICS}/residual_ratio")
-    return ratio is not None and not is_rejected(result) and bool(np.all(ratio.data < _RESIDUAL_ROUND_OFF))
+    return ratio is not None and not is_rejected(result) and bool(np.all(ratio.data < _FIT_ROUND_OFF))
 
 
 def cautions(result: Result) -> Iterator[str]:

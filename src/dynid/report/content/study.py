@@ -30,7 +30,7 @@ from dynid.suggestions import short_paths
 COLUMNS = ("mean", "min (sample)", "max (sample)", "std", "p05", "median", "p95")
 #: Most entries of an array that are shown one by one; of longer arrays, only the size is shown.
 _ENTRIES = 12
-_FEW = 6  # lines of constants, verdicts and texts beside the answer
+_FEW_STATEMENTS = 6  # lines of constants, verdicts and texts beside the answer
 _NUMBERS = 40  # numbers in the table
 _EXAMINED = 400  # numbers of which it is examined whether they vary
 _FACTORS = 4  # inputs shown of each
@@ -126,7 +126,9 @@ def _statistics(
         else:
             items.append((name, shares))
     items += ((path, counted(table.size(path), "value") + " per sample") for path in hidden)
-    few = not rows or len(items) + sum(map(len, constants.values())) <= _FEW  # else they push figures down
+    few = (
+        not rows or len(items) + sum(map(len, constants.values())) <= _FEW_STATEMENTS
+    )  # else they push figures down
     for group, values in constants.items():
         where = f", {group}" if group else ""
         items.append((f"the same in every sample{where}", ", ".join(values)))

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 
 #: Most nodes of a drawing; a larger one is unreadable.
-LARGEST = 300
+MAX_DRAWN_NODES = 300
 #: Most nodes of a graph of which parts are drawn, and most drawings of instances.
 LARGEST_WHOLE, MOST_INSTANCES = 5000, 20
 
@@ -164,7 +164,7 @@ def figures(result: Result) -> Iterator[Figure]:
     outermost = sketch_of(drawn)
     for within in ["", *islice(instances(drawn.graph.nodes), MOST_INSTANCES)]:
         sketch = folded(outermost, within)
-        if len(sketch.nodes) <= LARGEST:
+        if len(sketch.nodes) <= MAX_DRAWN_NODES:
             name, title = (f"inside-{within}", f"Inside {within}") if within else ("bond-graph", "Bond graph")
             yield Figure(name, title, partial(_graph_picture, name, title, result.title, sketch, drawn))
 
@@ -173,7 +173,7 @@ def realisations(result: Result) -> Iterator[Figure]:
     """Yield the drawing of every bond graph of a synthesis."""
     for form in result["synthesis/form"].data:
         drawn = _graph_of(scene_of_text(str(result.value(f"synthesis/{form}/scene"))))
-        if len(drawn.graph.nodes) <= LARGEST:
+        if len(drawn.graph.nodes) <= MAX_DRAWN_NODES:
             name, title = f"bond-graph-{form}", f"Bond graph, {form} form"
             draw = partial(_graph_picture, name, title, result.title, sketch_of(drawn), drawn)
             yield Figure(name, title, draw)

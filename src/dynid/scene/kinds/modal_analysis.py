@@ -1,4 +1,4 @@
-"""Scenes of kind `modal-analysis`."""
+"""Scenes of kind `modal-analysis`: their runs and explanations."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from dynid.arrays import Array, ComplexArray
-from dynid.errors import UsageError
+from dynid.errors import NumericalError, UsageError
 from dynid.modal.frf_matrix import FrfMatrix, smoothed_variance
+from dynid.number_format import counted
 from dynid.result import Result
+from dynid.scene.explanation import Explanation, Fact
 from dynid.scene.kinds.measurements import frf_measurement
 from dynid.scene.load import Scene
+from dynid.scene.schema.modal_analysis import ModalAnalysisScene
 from dynid.structure.labels import unsigned
 from dynid.suggestions import shortened
 from dynid.units import angular_factor
@@ -20,7 +23,6 @@ from dynid.units import angular_factor
 if TYPE_CHECKING:
     from dynid.identification.records.frf_measurement import FrfMeasurement
     from dynid.scene.run import PreparationStep
-    from dynid.scene.schema.modal_analysis import ModalAnalysisScene
     from dynid.structure.labels import Label
 
 
@@ -56,7 +58,7 @@ def run(scene: Scene[ModalAnalysisScene], sample: Result | None = None) -> Resul
     from dynid.modal.modal_analysis import analyse
     from dynid.modal.write_result import add_modes
 
-    test, options = modal_test(scene), scene.model.modes
+    test, options = _modal_test(scene), scene.model.modes
     analysis = analyse(
         test.frf,
         test.driving_points,
@@ -73,10 +75,10 @@ def run(scene: Scene[ModalAnalysisScene], sample: Result | None = None) -> Resul
 
 def preparation_steps(scene: Scene[ModalAnalysisScene]) -> Iterator[PreparationStep]:
     """Yield the step of a run before the analysis: read the measurement."""
-    yield lambda: modal_test(scene)
+    yield lambda: _modal_test(scene)
 
 
-def modal_test(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
+def _modal_test(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
     """Return the frequency responses of a scene in its band."""
     measurement = scene.model.measurement
     if measurement.frf is None:
@@ -247,3 +249,35 @@ def _dof(label: Label) -> tuple[str, float]:
 def _instrument(channel: Any, omega: Array) -> ComplexArray:
     """Return the response of a channel's gain and delay."""
     return np.asarray(float(channel.gain) * np.exp(-1j * omega * float(channel.delay)))
+
+
+def explain(scene: Scene[ModalAnalysisScene]) -> Explanation:
+    """Return the explanation of a scene of kind `modal-analysis`, whose measurement is read."""
+    result = Result("modal-analysis", scene.title)
+    try:
+        test = _modal_test(scene)
+    except (NumericalError, UsageError) as error:
+        return Explanation(result, [], obstacle=error)
+    frf, band = test.frf, scene.model.band
+    factor = angular_factor(band.unit)
+    responses, references = (
+        counted(len(test.channels), "response"),
+        counted(len(test.references), "reference"),
+    )
+    step = float(np.median(np.diff(frf.omega))) / factor
+    facts = [
+        Fact("responses", f"{responses} to {references} ({', '.join(test.references)})"),
+        Fact("lines", f"{counted(len(frf.omega), 'line')} in the band, {step:.4g} {band.unit} apart"),
+        Fact("noise", "estimated from the responses" if frf.estimated else "as stated or measured"),
+        Fact("scale", _scale(test.driving_points, real=scene.model.modes.shapes == "real")),
+        *(Fact("warning", note) for note in test.notes),
+    ]
+    return Explanation(result, facts)
+
+
+def _scale(driving_points: list[tuple[int, int]], *, real: bool) -> str:
+    if not driving_points:
+        return "largest entry 1: no response is measured at a reference"
+    return (
+        f"{'unit modal mass' if real else 'modal a of 1'}, by {counted(len(driving_points), 'driving point')}"
+    )

@@ -12,7 +12,7 @@ from dynid.errors import NumericalError, UsageError
 from dynid.model_scope import wants_scope
 from dynid.number_format import counted
 from dynid.result import Result
-from dynid.scene.explanations.explanation import Explanation, Fact, node_facts
+from dynid.scene.explanation import Explanation, Fact, node_facts
 from dynid.scene.kinds.measurements import channel_of, result_name
 from dynid.scene.kinds.scope import add_geometry, add_reduction_scope
 from dynid.scene.kinds.signals import angular_frequencies

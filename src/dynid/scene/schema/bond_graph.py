@@ -20,7 +20,7 @@ from pydantic import (
 )
 
 from dynid.bondgraph.analysis_request import (
-    MAX_LINES,
+    MAX_TRANSMISSION_LINES,
     NUMERIC,
     SAMPLED,
     SAMPLED_LINES,
@@ -572,8 +572,8 @@ class BondGraphScene(ComposedScene):
         if self.analysis.port is not None:
             yield ("analysis", "port", AT_KEY), f"there is no 'port' {lines}"
         count = sum(node.type == LINE for node in self.graph.nodes.values())
-        if count > MAX_LINES:
-            yield ("graph", "nodes", AT_KEY), f"at most {MAX_LINES} lines (TL), not {count}"
+        if count > MAX_TRANSMISSION_LINES:
+            yield ("graph", "nodes", AT_KEY), f"at most {MAX_TRANSMISSION_LINES} lines (TL), not {count}"
 
     def _sampling_faults(self) -> Iterator[Located]:
         """Yield what a graph with sampled loops does not have."""

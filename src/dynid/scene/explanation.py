@@ -66,7 +66,7 @@ def explain(scene: Scene) -> Explanation:
 
 
 #: Longest trial, processor seconds.
-LIMIT = 5.0
+TRIAL_SECONDS = 5.0
 #: Steps of an attempt with those of its noise model, and attempts of a search.
 _STEPS, _ATTEMPTS = 40, 6
 _START, _STEP = re.compile(r"start (\d+) of (\d+)"), re.compile("maximum likelihood, step")
@@ -96,7 +96,7 @@ class _Enough(BaseException):
 
 def trial(
     scene: Scene,
-    limit: float = LIMIT,
+    limit: float = TRIAL_SECONDS,
     clock: Callable[[], float] = time.process_time,
     heard: Listener | None = None,
 ) -> Cost:

@@ -15,7 +15,7 @@ from dynid.errors import NumericalError
 from dynid.number_format import counted
 from dynid.progress import report_progress
 from dynid.result import Result
-from dynid.scene.explanations.explanation import Explanation, Fact
+from dynid.scene.explanation import Explanation, Fact
 from dynid.scene.kinds.bond_graph import question, unused_grids
 from dynid.scene.kinds.synthesis import driving_function
 from dynid.scene.load import Scene

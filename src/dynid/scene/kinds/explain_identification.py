@@ -16,7 +16,7 @@ from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.number_format import counted
 from dynid.progress import report_progress
 from dynid.result import Result
-from dynid.scene.explanations.explanation import Explanation, Fact, node_facts
+from dynid.scene.explanation import Explanation, Fact, node_facts
 from dynid.scene.kinds.identification import expected_values, interest_of, reductor_of
 from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.scene.kinds.parts import structure_of
