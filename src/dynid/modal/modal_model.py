@@ -21,10 +21,13 @@ from dynid.modal.frf_matrix import FrfMatrix
 
 #: Powers of the frequency of the residual terms.
 RESIDUAL_POWERS = (0, -2, 2, -4)
-# Decrease of chi-squared of a step that ends the search, and limits of steps and of their damping.
-_DECREASE, MAX_STEPS, _MAX_DAMPINGS = 1e-3, 40, 12
+# Decrease of chi-squared expected of a step that ends the search, a tenth of a standard error, and limits of
+# steps and of their damping.
+_DECREASE, MAX_STEPS, _MAX_DAMPINGS = 1e-2, 40, 12
 # Damping of the first step, relative to the diagonal, and its factors.
 _DAMPING, _DAMPING_FACTOR, _MIN_DAMPING = 1e-3, 10.0, 1e-12
+# Steps before that are mixed into one.
+_DEPTH = 5
 # Reciprocal condition of a scaled normal matrix below which shapes or poles are dependent.
 _DEPENDENT = 1e-14
 
@@ -123,16 +126,13 @@ class ModalModel:
         columns = self._columns(poles)[:, : len(poles) * (1 if self.real else 2)]
         residues = np.zeros((self.responses, self.references, len(poles)), dtype=complex)
         for pair in self._pairs():
-            X = self._projected(pair, columns)
+            X = _Columns(columns, *self._weighting(pair)).projected
             solution = np.asarray(np.linalg.lstsq(X, self._data[pair], rcond=None)[0], dtype=np.float64)
             residues[pair] = self._join(solution)
         return residues
 
-    def _projected(self, pair: tuple[int, int], columns: Array) -> Array:
-        weights, basis = self.frf.weights[:, pair[0], pair[1]], self._residual_bases[pair]
-        X = weights[:, None] * columns.reshape(2, len(weights), -1)
-        X -= basis @ (basis.T @ X)
-        return np.asarray(X.reshape(columns.shape))
+    def _weighting(self, pair: tuple[int, int]) -> tuple[Array, Array]:
+        return self.frf.weights[:, pair[0], pair[1]], self._residual_bases[pair]
 
     def start(self, poles: ComplexArray) -> ComplexArray:
         """Return participations (references x m) of the residues' best rank-one approximations."""
@@ -167,23 +167,23 @@ class ModalModel:
         chi2 = 0.0
         factors = [self._map(L[i]) for i in range(self.references)]
         for o in range(self.responses):
-            X = [self._projected((o, i), columns) for i in range(self.references)]
+            X = [_Columns(columns, *self._weighting((o, i))) for i in range(self.references)]
             y = [self._data[o, i] for i in range(self.references)]
-            grams = [x.T @ x for x in X]
+            grams = [x.gram for x in X]
             own = self.own.get(o)
             if own is None:
                 K = sum(T.T @ G[:forces, :forces] @ T for T, G in zip(factors, grams, strict=True))
                 root = inverse_root(np.asarray(K))
                 psi, rest = np.zeros(forces), y
                 for _ in range(2):  # the second time refines the solution of the normal equations
-                    g = sum(T.T @ (x[:, :forces].T @ r) for T, x, r in zip(factors, X, rest, strict=True))
+                    g = sum(T.T @ x.times(r)[:forces] for T, x, r in zip(factors, X, rest, strict=True))
                     psi = psi + root @ (root.T @ g)
-                    rest = [a - x[:, :forces] @ (T @ psi) for T, x, a in zip(factors, X, y, strict=True)]
+                    rest = [a - x.sum(T @ psi) for T, x, a in zip(factors, X, y, strict=True)]
                 shapes[o] = self._join(psi)
             else:
                 shapes[o] = L[own]
                 own_parts = np.concatenate([L[own].real, L[own].imag])[:forces]
-                rest = [a - x[:, :forces] @ (T @ own_parts) for T, x, a in zip(factors, X, y, strict=True)]
+                rest = [a - x.sum(T @ own_parts) for T, x, a in zip(factors, X, y, strict=True)]
             cross = np.zeros((forces, len(N)))
             of_shape = self._map(shapes[o])
             for i in range(self.references):
@@ -198,7 +198,7 @@ class ModalModel:
                 B = B[:, index]
                 product = grams[i] @ B
                 N[np.ix_(index, index)] += B.T @ product
-                gradient[index] += B.T @ (X[i].T @ rest[i])
+                gradient[index] += B.T @ X[i].times(rest[i])
                 if own is None:
                     cross[:, index] += factors[i].T @ product[:forces]
                 chi2 += float(rest[i] @ rest[i])
@@ -222,22 +222,29 @@ class ModalModel:
         """
         L, free = self._gauge(participation)
         fit, damping = self.evaluate(poles, L, free), _DAMPING
+        history = _History()
         for _ in range(max_steps):
             scale = _scale(fit.information)
             scaled = fit.information / np.outer(scale, scale)
             for _ in range(_MAX_DAMPINGS):
-                move = np.linalg.solve(scaled + damping * np.eye(len(scale)), fit.gradient / scale) / scale
+                step = np.linalg.solve(scaled + damping * np.eye(len(scale)), fit.gradient / scale) / scale
+                if fit.gradient @ step < _DECREASE:
+                    return fit
+                # Within standard errors of the optimum, steps are those of a linear iteration.
+                near = fit.gradient @ step < len(step)
+                move = history.mixed(step, scale) if near else step
                 moved = self._moved(fit, move)
                 if moved is not None and moved.chi2 <= fit.chi2:
                     break
-                damping *= _DAMPING_FACTOR
+                damping *= 1 if history.steps else _DAMPING_FACTOR
+                history = _History()
             else:
                 break
             assert moved is not None  # the search for it ended with one
-            decrease, fit = fit.chi2 - moved.chi2, moved
+            fit = moved
+            if near:
+                history.add(step, move)
             damping = max(damping / _DAMPING_FACTOR, _MIN_DAMPING)
-            if decrease < _DECREASE:
-                break
         return fit
 
     def _moved(self, fit: ModalFit, move: Array) -> ModalFit | None:
@@ -260,6 +267,63 @@ class ModalModel:
         weights = self.frf.weights
         weighted = self.frf.weighted - fit.residual
         return np.asarray(np.where(weights > 0, weighted / np.where(weights > 0, weights, 1.0), np.nan))
+
+
+class _History:
+    """Gauss-Newton steps and the moves that followed, whose mixture makes slow directions converge quickly.
+
+    Source: D. G. Anderson, *J. ACM* 12 (1965) 547-560; H. F. Walker & P. Ni, *SIAM J. Numer. Anal.* 49 (2011).
+    """
+
+    def __init__(self) -> None:
+        self.steps: list[Array] = []
+        self._moves: list[Array] = []
+
+    def add(self, step: Array, move: Array) -> None:
+        """Add a step and the move that was made at it."""
+        self.steps, self._moves = [*self.steps, step][-_DEPTH:], [*self._moves, move][-_DEPTH:]
+
+    def mixed(self, step: Array, scale: Array) -> Array:
+        """Return the move to where steps would vanish if they were linear in the unknowns."""
+        if not self.steps:
+            return step
+        changes = np.diff(np.array([*self.steps, step]), axis=0).T
+        weights = np.linalg.lstsq(scale[:, None] * changes, scale * step, rcond=None)[0]
+        return np.asarray(step - (np.array(self._moves).T + changes) @ weights)
+
+
+class _Columns:
+    """Weighted columns (2 L x k) of a pair, residual terms projected out: as a product only where asked."""
+
+    def __init__(self, columns: Array, weights: Array, basis: Array) -> None:
+        self._weighted = (weights[:, None] * columns.reshape(2, len(weights), -1)).reshape(columns.shape)
+        self._basis = basis
+        self._shares = basis.T @ self._halves(self._weighted)  # of the residual terms (2 x terms x k)
+
+    def _halves(self, values: Array) -> Array:
+        """Return real and imaginary parts, one above the other, side by side (2 x L x …)."""
+        return values.reshape(2, len(self._basis), *values.shape[1:])
+
+    @property
+    def gram(self) -> Array:
+        """Products of all columns with each other (k x k)."""
+        shares = self._shares.reshape(-1, self._shares.shape[2])
+        return np.asarray(self._weighted.T @ self._weighted - shares.T @ shares)
+
+    @property
+    def projected(self) -> Array:
+        """The columns (2 L x k)."""
+        return self._weighted - (self._basis @ self._shares).reshape(self._weighted.shape)
+
+    def times(self, data: Array) -> Array:
+        """Return the products of all columns with data (2 L) without residual terms."""
+        return np.asarray(self._weighted.T @ data)
+
+    def sum(self, factors: Array) -> Array:
+        """Return the sum of the first columns times factors (2 L)."""
+        k = len(factors)
+        residual = self._basis @ (self._shares[:, :, :k] @ factors)[:, :, None]
+        return np.asarray(self._weighted[:, :k] @ factors - residual.ravel())
 
 
 def _stacked(values: ComplexArray) -> Array:
