@@ -81,8 +81,8 @@ def run(name: str, seeds: int, *, peer: bool = False) -> str:
     pooled = np.concatenate([np.concatenate(errors_of) for errors_of in standard if errors_of])
     line = (
         f"{name}: {seeds} seeds, missed {missed} (lack of fit said {said}), spurious {spurious}, covered "
-        f"{', '.join(f'{share:.1f}' for share in covered)}, pooled {100 * np.mean(np.abs(pooled) < 1.96):.1f} %,"
-        f" CPU {np.median(cpu):.2f} s"
+        f"{', '.join(f'{share:.1f}' for share in covered)} %, "
+        f"pooled {100 * np.mean(np.abs(pooled) < 1.96):.1f} %, CPU {np.median(cpu):.2f} s"
     )
     if peer:
         ours, theirs = np.median(np.array(errors), axis=(0, 3))

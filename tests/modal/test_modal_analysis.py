@@ -129,6 +129,24 @@ def test_unknown_noise_is_estimated(proportional):
     assert np.median(deviation / frf.deviation) == pytest.approx(1, abs=0.05)
 
 
+@pytest.mark.parametrize("phase", [0.0, 0.3])
+def test_real_shapes_are_tested(phase):
+    poles, shapes = modes(5, 4, phase=phase)
+    omega = np.linspace(OMEGA[0], OMEGA[-1], 300)
+    analysis = analyse(measured(poles, shapes, (0, 2), omega=omega), driving((0, 2)))
+    assert (analysis.real_shapes > 1e-3) == (phase == 0)
+
+
+def test_a_lack_of_fit_shows_where_the_noise_is_estimated():
+    poles, shapes = modes(3, 4)
+    ripple = 1 + 0.1 * np.sin(2 * np.pi * np.arange(len(OMEGA)) / 20)[:, None, None]  # of a second hit
+    values = ripple * measured(poles, shapes, (0,)).values
+    unknown = FrfMatrix(OMEGA, values, np.abs(values), np.ones((4, 1)), estimated=True)
+    analysis = analyse(unknown, driving((0,)))
+    assert analysis.bar_scale > 1
+    assert analysis.reduced_chi2 == pytest.approx(1, abs=0.02)
+
+
 def test_a_mode_that_one_reference_cannot_separate_is_added_or_said():
     poles, shapes = modes(close=(3,))
     analysis = analyse(measured(poles, shapes, (0,)), [(0, 0)])

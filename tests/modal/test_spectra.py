@@ -35,14 +35,14 @@ def impact(seed, seconds=8.0, reference=0, noise=0.01):
     force[20:25] = (100 + 10 * random.standard_normal()) * np.sin(np.pi * np.arange(1, 6) / 6)
     names = ("a", "b", "c")
     values = responses_to(force, reference, noise, random)
-    return TimeRecord(f"record {seed}", force, values, names, names[reference], STEP)
+    return TimeRecord(f"record {seed}", force[:, None], values, names, [names[reference]], STEP)
 
 
 def random_record(seed, seconds=400.0):
     random = np.random.default_rng(seed)
     force = random.standard_normal(round(seconds / STEP))
     values = responses_to(force, 0, 0.01, random)
-    return TimeRecord(f"record {seed}", force, values, ("a", "b", "c"), "a", STEP)
+    return TimeRecord(f"record {seed}", force[:, None], values, ("a", "b", "c"), ["a"], STEP)
 
 
 def analysed(spectra, references=("a",), **options):
@@ -144,3 +144,35 @@ def test_records_that_do_not_go_together_are_refused():
         spectra_of_records([noise], exponential=1.0)
     with pytest.raises(UsageError, match="fewer than two"):
         spectra_of_records([noise], segment=7.0)
+
+
+def several(seed=0, seconds=100.0, mixed=0.0):
+    """Return a record of two random forces at once, the second mixed with the first."""
+    random = np.random.default_rng(seed)
+    forces = random.standard_normal((round(seconds / STEP), 2))
+    forces[:, 1] = mixed * forces[:, 0] + (1 - mixed) * forces[:, 1]
+    values = sum(responses_to(force, k, 0.0, random) for k, force in enumerate(forces.T))
+    values = values + 0.01 * values.std(axis=0) * random.standard_normal(values.shape)
+    return TimeRecord(f"record {seed}", forces, values, ("a", "b", "c"), ["a", "b"], STEP)
+
+
+def test_several_forces_at_once_are_separated():
+    poles, _ = structure()
+    analysis = analysed(spectra_of_records([several(0), several(1)], segment=12.5), ("a", "b"))
+    reported = analysis.modes
+    assert len(reported.omega) == len(poles)
+    assert np.all(np.abs(reported.omega - np.abs(poles)) < 4.5 * reported.standard_errors[0])
+    assert analysis.reciprocity > 1e-3
+
+
+def test_forces_that_are_nearly_one_are_named_or_refused():
+    (note,) = spectra_of_records([several(mixed=0.6)], segment=10.0).notes
+    assert note.startswith("forces a, b have a coherence of 0.7")
+    with pytest.raises(UsageError, match="the 2 forces cannot be separated by 19 segments"):
+        spectra_of_records([several(mixed=1.0)], segment=10.0)
+    alone = several(1)._replace(references=["a"], forces=several(1).forces[:, :1])
+    with pytest.raises(UsageError, match="channel a is recorded with a force alone and with others at once"):
+        spectra_of_records([several(), alone], segment=10.0)
+    hits = np.hstack([impact(0).forces, impact(1).forces])
+    with pytest.raises(UsageError, match="record 0 has impacts at 2 DOFs at once"):
+        spectra_of_records([impact(0)._replace(forces=hits, references=["a", "b"])])

@@ -230,11 +230,69 @@ def test_output_only_and_forces_that_are_not_measured_are_refused(tmp_path):
     with pytest.raises(SceneError, match="modes of responses alone are not available"):
         dynid.run(path)
     path.write_text(text.replace(force, "{dof: 1, kind: impact, amplitude: 1, duration: 0.01}"))
-    with pytest.raises(UsageError, match="the force of record 1 is not measured, but of the kind impact"):
+    with pytest.raises(UsageError, match="of record 1 is no measured force, but of the kind impact"):
         dynid.run(path)
     path.write_text(text.replace(force, f"[{force}, {force.replace('dof: 1', 'dof: 2')}]"))
-    with pytest.raises(UsageError, match="record 1 has 2 excitations"):
+    with pytest.raises(UsageError, match="record 1 has impacts at 2 DOFs at once"):
         dynid.run(path)
+
+
+def test_two_random_forces_at_once(tmp_path):
+    random, step, samples = np.random.default_rng(4), 0.01, 20000
+    forces = random.standard_normal((samples, 2))
+    omega = 2 * np.pi * np.fft.rfftfreq(samples, step)
+    columns = [np.linalg.solve(K + 1j * w * C - w**2 * M, np.eye(3)[:, [0, 2]]) for w in omega]
+    H = np.array([-(w**2) * column for w, column in zip(omega, columns, strict=True)])
+    spectra = np.einsum("lof,lf->lo", H, np.fft.rfft(forces, axis=0))
+    values = np.fft.irfft(spectra, samples, axis=0)
+    values += 0.01 * values.std(axis=0) * random.standard_normal(values.shape)
+    np.savez(tmp_path / "run.npz", F1=forces[:, 0], F3=forces[:, 1], a1=values[:, 0], a3=values[:, 2])
+    path = tmp_path / "random.yaml"
+    path.write_text(
+        "dynid: 1\nkind: modal-analysis\nmeasurement:\n  step: 0.01\n  samples: 20000\n"
+        "  file: {path: run.npz, columns: [a1, a3]}\n"
+        "  channels: [{dof: 1, quantity: acceleration}, {dof: 3, quantity: acceleration}]\n"
+        "excitation:\n  - {dof: 1, kind: file, path: run.npz, column: F1}\n"
+        "  - {dof: 3, kind: file, path: run.npz, column: F3}\n"
+        "segment: 20\nband: {low: 4, high: 45, unit: Hz}\n"
+    )
+    result = dynid.run(path)
+    check_modes(result)
+    assert list(result["modal/reference"].data) == ["1", "3"]
+    assert result.value("modal/fit/reciprocity") > 1e-3
+    assert result["modal/shape"].attrs["normalisation"] == "modal a of 1"
+
+
+def test_free_decays_after_impulses_of_stated_size(tmp_path):
+    squares, vectors = np.linalg.eigh(np.diag(np.diag(M) ** -0.5) @ K @ np.diag(np.diag(M) ** -0.5))
+    omega, shapes = np.sqrt(squares), np.diag(np.diag(M) ** -0.5) @ vectors
+    decay, step, samples = 3e-4 * squares, 0.002, 4000
+    damped, t = np.sqrt(squares - decay**2), step * np.arange(samples)[:, None]
+    # Velocities after a unit impulse at DOF 3.
+    unit = np.exp(-decay * t) * (np.cos(damped * t) - decay / damped * np.sin(damped * t))
+    random, lines = np.random.default_rng(2), list[str]()
+    for k, size in enumerate((0.5, 2.0, 1.0)):
+        velocity = size * unit @ (shapes * shapes[2]).T
+        velocity += 1e-3 * velocity.std() * random.standard_normal(velocity.shape)
+        np.savez(tmp_path / f"tap{k}.npz", v1=velocity[:, 0], v3=velocity[:, 2])
+        tap = f"{{dof: 3, kind: impulse, amplitude: {size}}}"
+        lines.append(f"    - {{file: {{path: tap{k}.npz}}, excitation: {tap}}}\n")
+    path = tmp_path / "taps.yaml"
+    path.write_text(
+        "dynid: 1\nkind: modal-analysis\nmeasurement:\n  step: 0.002\n  samples: 4000\n"
+        "  channels: [{dof: 1, quantity: velocity}, {dof: 3, quantity: velocity}]\n"
+        "  file: {path: tap0.npz, columns: [v1, v3]}\n  records:\n"
+        + "".join(lines)
+        + "band: {low: 4, high: 60, unit: Hz}\n"
+    )
+    result = dynid.run(path)
+    check_modes(result)
+    error = result["modal/damping_standard_error"].data
+    assert np.all(np.abs(result["modal/damping"].data - decay / omega) < 4.5 * error + 1e-6)
+    exact = (shapes[[0, 2]] / np.sqrt(2j * damped)).T
+    assert np.allclose(
+        result["modal/shape"].data ** 2, exact**2, rtol=0.03, atol=1e-3 * np.abs(exact).max() ** 2
+    )
 
 
 def test_all_channels_of_a_universal_file(tmp_path):

@@ -30,6 +30,10 @@ _LINES_OF_ORDER = 4
 RECIPROCITY_LEVEL = 1e-3
 # Standard deviations of chi-squared over its degrees of freedom up to which a fit has no lack of fit.
 _LACK_OF_FIT = 4.0
+# Width of the main lobe of the Hann window, in lines.
+_MAIN_LOBE_LINES = 4
+# Steps of the fit with real shapes: where more are needed they do not fit.
+_REAL_STEPS = 12
 # Repetitions of the fit with noise in proportion to the fitted responses instead of the measured ones.
 _PROPORTIONAL_FITS = 2
 
@@ -44,6 +48,8 @@ class ModalAnalysis:
     fit: ModalFit
     bar_scale: float  # factor of standard errors for the lack of fit; 1 without one
     reciprocity: float  # p-value of reciprocity, NaN where it is not tested
+    real_shapes: float  # p-value of real shapes, NaN where they are not tested
+    whiteness: float  # scatter of residuals from line to line over that of white noise, 1 of white ones
 
     @property
     def degrees(self) -> int:
@@ -102,25 +108,27 @@ def analyse(
             remedy="Choose the band by the peaks of the responses, and check columns, units and noise.",
         )
     report_progress(f"maximum likelihood, {len(starts)} poles")
-    model, fit = select_modes(frf, starts, real=real)
+    main_lobe = _MAIN_LOBE_LINES * 2 * np.pi * resolution
+    model, fit = select_modes(frf, starts, real=real, min_distance=main_lobe)
     for _ in range(_PROPORTIONAL_FITS if proportional else 0):
         synthesis = np.abs(model.synthesis(fit))
         ratio = np.nanmedian(model.frf.deviation / np.abs(model.frf.values), axis=0)
         model = ModalModel(replace(model.frf, deviation=ratio * synthesis), real=real)
         fit = model.fit(fit.poles, fit.participation)
+    whiteness = _whiteness(fit, model)
+    reduced_chi2 = fit.chi2 / degrees(model, fit)
+    bar_scale = _bar_scale(frf, reduced_chi2, whiteness, degrees(model, fit))
+    unit = frf.correlation * bar_scale**2  # of chi-squared, whose increases are tested
     tested = float("nan")
     if len(driving_points) > 1 and reciprocal is not False:
         own = ModalModel(model.frf, real=real, reciprocal=driving_points)
         constrained = own.fit(fit.poles, _reciprocal_participation(fit, driving_points))
-        tested = _p_value(constrained.chi2 - fit.chi2, fit.parameters - constrained.parameters)
+        tested = _p_value((constrained.chi2 - fit.chi2) / unit, fit.parameters - constrained.parameters)
         if reciprocal is True or tested >= RECIPROCITY_LEVEL:
             model, fit = own, constrained
+    real_shapes = float("nan") if real else _p_of_real_shapes(model, fit, unit)
     order = np.argsort(fit.poles.imag, kind="stable")
     fit = model.evaluate(fit.poles[order], fit.participation[:, order], fit.free[:, order])
-    free_degrees = degrees(model, fit)
-    reduced_chi2 = fit.chi2 / free_degrees
-    doubtful = reduced_chi2 > 1 + _LACK_OF_FIT * np.sqrt(2 * frf.correlation / free_degrees)
-    bar_scale = float(np.sqrt(reduced_chi2)) if doubtful else 1.0
     modes = np.flatnonzero(in_band(fit.poles, frf) & (fit.poles.real < 0))
     if not len(modes):
         raise NumericalError("no mode is found in the band", remedy="Choose the band by the peaks.")
@@ -129,7 +137,7 @@ def analyse(
     )
     if resolution:
         reported = reported.with_leakage(resolution)
-    return ModalAnalysis(reported, chart, model, fit, bar_scale, tested)
+    return ModalAnalysis(reported, chart, model, fit, bar_scale, tested, real_shapes, whiteness)
 
 
 def _chart(frf: FrfMatrix) -> Chart:
@@ -156,6 +164,40 @@ def _reciprocal_participation(fit: ModalFit, points: Sequence[tuple[int, int]]) 
     participation = L * scale
     participation[columns] = (participation[columns] + psi / scale) / 2
     return np.asarray(participation)
+
+
+def _whiteness(fit: ModalFit, model: ModalModel) -> float:
+    """Return the mean squared difference of residuals at neighbouring lines over twice their mean square."""
+    both = (model.frf.weights[1:] > 0) & (model.frf.weights[:-1] > 0)
+    differences = np.where(both, np.abs(np.diff(fit.residual, axis=0)) ** 2, 0.0)
+    squares = np.where(both, np.abs(fit.residual[1:]) ** 2 + np.abs(fit.residual[:-1]) ** 2, 0.0)
+    return float(differences.sum() / squares.sum()) if squares.any() else 1.0
+
+
+def _bar_scale(frf: FrfMatrix, reduced_chi2: float, whiteness: float, free: int) -> float:
+    """Return the factor of standard errors for a lack of fit, 1 without one.
+
+    Noise that is estimated is all that a fit leaves: there a lack of fit shows as correlation between lines
+    (von Neumann's ratio, of variance 2 / degrees).
+    """
+    if reduced_chi2 > 1 + _LACK_OF_FIT * np.sqrt(2 * frf.correlation / free):
+        return float(np.sqrt(reduced_chi2))
+    if frf.estimated and frf.correlation == 1 and whiteness < 1 - _LACK_OF_FIT * np.sqrt(2 / free):
+        return float(1 / np.sqrt(whiteness))
+    return 1.0
+
+
+def _p_of_real_shapes(model: ModalModel, fit: ModalFit, unit: float) -> float:
+    """Return the p-value of real shapes against the complex ones of a fit."""
+    constrained = ModalModel(model.frf, real=True, reciprocal=list(model.own.items()))
+    participation = fit.participation
+    if model.own:  # of unit modal a, whose square is of phase -90 degrees over the mass
+        participation = participation * np.sqrt(2j * fit.poles.imag)
+    try:
+        real_fit = constrained.fit(fit.poles, participation, _REAL_STEPS)
+    except NumericalError:
+        return 0.0
+    return _p_value((real_fit.chi2 - fit.chi2) / unit, fit.parameters - real_fit.parameters)
 
 
 def _p_value(increase: float, parameters: int) -> float:

@@ -272,7 +272,7 @@ class ModalModel:
 class _History:
     """Gauss-Newton steps and the moves that followed, whose mixture makes slow directions converge quickly.
 
-    Source: D. G. Anderson, *J. ACM* 12 (1965) 547-560; H. F. Walker & P. Ni, *SIAM J. Numer. Anal.* 49 (2011).
+    Source: D. G. Anderson, *J. ACM* 12 (1965) 547–560.
     """
 
     def __init__(self) -> None:

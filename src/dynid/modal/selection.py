@@ -54,9 +54,12 @@ def degrees(model: ModalModel, fit: ModalFit) -> int:
     return model.frf.count - fit.parameters
 
 
-def select_modes(frf: FrfMatrix, starts: ComplexArray, *, real: bool = False) -> tuple[ModalModel, ModalFit]:
+def select_modes(
+    frf: FrfMatrix, starts: ComplexArray, *, real: bool = False, min_distance: float = 0.0
+) -> tuple[ModalModel, ModalFit]:
     """Return the model and the fit of the modes in a band, from start poles.
 
+    A pole is added only so far (rad/s) from the others: leakage splits what is closer than its main lobe.
     Where the scale of the noise is estimated it is that of the residuals. Raises `NumericalError` where there
     is no mode.
     """
@@ -65,7 +68,7 @@ def select_modes(frf: FrfMatrix, starts: ComplexArray, *, real: bool = False) ->
     for _ in range(_SCALES if frf.estimated else 0):
         model, fit = _rescaled(model, fit)
     for _ in range(MAX_ADDED):
-        extended = _extended(model, fit)
+        extended = _extended(model, fit, min_distance)
         if extended is None:
             break
         fit = extended
@@ -162,7 +165,7 @@ def _excess_by_line(model: ModalModel, fit: ModalFit) -> Array:
     return np.asarray((total - count) / deviation)
 
 
-def _extended(model: ModalModel, fit: ModalFit) -> ModalFit | None:
+def _extended(model: ModalModel, fit: ModalFit, min_distance: float) -> ModalFit | None:
     """Return the best fit with one more pole; None where chi-squared asks for none, or none is worth it."""
     excess = _excess_by_line(model, fit)
     if excess.max() < _EXCESS:
@@ -173,6 +176,8 @@ def _extended(model: ModalModel, fit: ModalFit) -> ModalFit | None:
         try:
             trial = model.fit(poles, model.start(poles), _TRIAL_STEPS)
         except NumericalError:
+            continue
+        if min_distance and np.min(np.abs(np.diff(np.sort(trial.poles.imag)))) < min_distance:
             continue
         if best is None or trial.chi2 < best.chi2:
             best = trial

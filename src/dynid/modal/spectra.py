@@ -1,11 +1,12 @@
-"""Frequency responses from records of time with one force: impacts without a window, random forces by H1.
+"""Frequency responses from records of time: impacts without a window, one or several random forces by H1.
 
 Impacts: spectra of whole decays, their scatter from hit to hit as noise. An exponential window
 ``exp(-t / tau)`` on force and response shifts all poles by -1/tau, which is corrected exactly. Random forces:
-H1 with Hann segments, half overlapping. Its leakage biases damping ratios by about 40/r^2 %,
-r = 2 zeta f / df, whatever chi-squared says: so much counts as a standard error, below r = 4 none is given.
+H1 with Hann segments, half overlapping, of several forces at once by the inverse of their spectral matrix.
+Leakage biases damping ratios by about 40/r^2 %, r = 2 zeta f / df, whatever chi-squared says: so much counts
+as a standard error, below r = 4 none is given.
 Sources: P. D. Welch, *IEEE Trans. Audio Electroacoust.* 15 (1967) 70–73; J. S. Bendat, A. G. Piersol,
-*Random Data*, 4th ed. 2010, eq 9.57.
+*Random Data*, 4th ed. 2010, eq 9.57 and chapter 7 (several inputs).
 """
 
 from __future__ import annotations
@@ -29,20 +30,28 @@ _SECOND_HIT, _WIDTHS_BETWEEN, _EDGE = 0.15, 2, 0.05
 _CLIPPED_SAMPLES, _EQUAL = 3, 1e-9
 # Segments of random records by default, and the factor by which half overlap makes their variance larger.
 _SEGMENTS, _OVERLAP_VARIANCE = 16, 1 + 2 / 36
+# Condition of the spectral matrix of simultaneous forces above which they count as one; coherence between
+# them above which a note says that errors of responses to them are dependent.
+_MAX_CONDITION, _COHERENT_FORCES = 1e6, 0.3
 # Part of the largest response that a decay may have left at its end, noise included, and a windowed one,
 # whose noise decays, too; parts of a record in this test.
 _NOT_DECAYED, _PARTS = (0.02, 0.003), 20
 
 
 class TimeRecord(NamedTuple):
-    """A record of responses (samples x channels) to one force (samples), at a step (s)."""
+    """A record of responses (samples x channels) to forces (samples x references), at a step (s)."""
 
     name: str
-    force: Array
+    forces: Array
     values: Array
     channels: Sequence[str]
-    reference: str
+    references: Sequence[str]
     step: float
+
+    @property
+    def force(self) -> Array:
+        """The first force (samples); of an impact the only one."""
+        return np.asarray(self.forces[:, 0])
 
 
 class Spectra(NamedTuple):
@@ -107,7 +116,7 @@ def spectra_of_records(
         Where records differ in step or length, in kind, or none is without a defect.
     """
     first = records[0]
-    if any(record.step != first.step or len(record.force) != len(first.force) for record in records):
+    if any(record.step != first.step or len(record.forces) != len(first.forces) for record in records):
         raise UsageError(
             "the records have different steps or lengths, so that their lines differ",
             remedy="Give them one step and the same number of samples.",
@@ -119,7 +128,16 @@ def spectra_of_records(
         raise UsageError(
             f"{other} is no impact, and others are", names=("measurement.records", "measurement")
         )
-    return _of_impacts(records, exponential) if impacts[0] else _of_random(records, exponential, segment)
+    if not impacts[0]:
+        return _of_random(records, exponential, segment)
+    for record in records:
+        if len(record.references) > 1:
+            raise UsageError(
+                f"{record.name} has impacts at {len(record.references)} DOFs at once",
+                remedy="Record one after the other.",
+                names=("excitation", "measurement.excitation", "measurement.records"),
+            )
+    return _of_impacts(records, exponential)
 
 
 def _of_impacts(records: Sequence[TimeRecord], exponential: float | None) -> Spectra:
@@ -148,7 +166,9 @@ def _of_impacts(records: Sequence[TimeRecord], exponential: float | None) -> Spe
     variances: dict[tuple[str, str], Array | None] = {}
     for pair in _pairs(good):
         at = [
-            k for k, record in enumerate(good) if record.reference == pair[1] and pair[0] in record.channels
+            k
+            for k, record in enumerate(good)
+            if record.references[0] == pair[1] and pair[0] in record.channels
         ]
         U = np.array([forces[k] for k in at])
         Y = np.array([spectra[k][:, list(good[k].channels).index(pair[0])] for k in at])
@@ -176,7 +196,7 @@ def _of_random(records: Sequence[TimeRecord], exponential: float | None, segment
         raise UsageError(
             "an exponential window is for impacts; these forces are random", names=("exponential",)
         )
-    n, step = len(records[0].force), records[0].step
+    n, step = len(records[0].forces), records[0].step
     length = 2 * n // (_SEGMENTS + 1) if segment is None else round(segment / step)
     starts = range(0, n - length + 1, max(length // 2, 1))
     if length < 2 or len(starts) * len(records) < 2:
@@ -188,32 +208,68 @@ def _of_random(records: Sequence[TimeRecord], exponential: float | None, segment
     window = np.hanning(length + 1)[:-1]
     omega = np.asarray(2 * np.pi * np.fft.rfftfreq(length, step), dtype=np.float64)
 
-    def transformed(signal: Array) -> ComplexArray:
-        parts = np.array([signal[start : start + length] for start in starts])
-        return np.asarray(np.fft.rfft((parts - signal.mean()) * window, axis=1))
+    def transformed(signals: Array) -> ComplexArray:
+        parts = np.array([signals[start : start + length] for start in starts])
+        return np.asarray(np.fft.rfft((parts - signals.mean(axis=0)) * window[:, None], axis=1))
 
     values: dict[tuple[str, str], ComplexArray] = {}
     variances: dict[tuple[str, str], Array | None] = {}
-    for pair in _pairs(records):
-        of_pair = [record for record in records if record.reference == pair[1] and pair[0] in record.channels]
-        U = np.concatenate([transformed(record.force) for record in of_pair])
-        Y = np.concatenate(
-            [transformed(record.values[:, list(record.channels).index(pair[0])]) for record in of_pair]
+    notes = list[str]()
+    for references in dict.fromkeys(tuple(record.references) for record in records):
+        together = [record for record in records if tuple(record.references) == references]
+        for channel in dict.fromkeys(name for record in together for name in record.channels):
+            if any((channel, reference) in values for reference in references):
+                raise UsageError(
+                    f"channel {channel} is recorded with a force alone and with others at once",
+                    remedy="Analyse these records apart.",
+                    names=("measurement.records", "measurement"),
+                )
+            of_channel = [record for record in together if channel in record.channels]
+            U = np.concatenate([transformed(record.forces) for record in of_channel])
+            rows = (record.values[:, [list(record.channels).index(channel)]] for record in of_channel)
+            Y = np.concatenate([transformed(row) for row in rows])[:, :, 0]
+            H, variance, degrees, coherence = _h1(U, Y)
+            if coherence > _COHERENT_FORCES:
+                notes.append(
+                    f"forces {', '.join(references)} have a coherence of {coherence:.2g}; standard errors "
+                    "take the responses to them as independent"
+                )
+            for k, reference in enumerate(references):
+                pair, flat = (channel, reference), 1 / np.mean(np.abs(U[:, :, [k]]) ** 2, axis=0)
+                values[pair] = H[:, k]
+                variances[pair] = smoothed_variance(variance[:, [k]], H[:, [k]], degrees, flat)[:, 0]
+    return Spectra(omega, values, variances, 1 / (length * step), list(dict.fromkeys(notes)))
+
+
+def _h1(U: ComplexArray, Y: ComplexArray) -> tuple[ComplexArray, Array, float, float]:
+    """Return H1 (lines x forces), its variance, its degrees of freedom, and the forces' coherence.
+
+    U: segments x lines x forces; Y: segments x lines. The coherence is the median over the lines of the
+    largest that a force has with the others.
+    """
+    segments, _, forces = U.shape
+    spectra = np.einsum("klf,klg->lfg", U.conj(), U) / segments
+    size = np.sqrt(np.maximum(np.einsum("lff->lf", spectra).real, np.finfo(float).tiny))
+    scaled = spectra / (size[:, :, None] * size[:, None, :])
+    averages = segments / _OVERLAP_VARIANCE
+    if averages <= forces or np.median(np.linalg.cond(scaled)) > _MAX_CONDITION:
+        raise UsageError(
+            f"the {forces} forces cannot be separated by {segments} segments",
+            remedy="Drive them by independent signals, record longer, or shorten the segments: segment.",
+            names=("excitation", "measurement.excitation", "measurement.records", "segment"),
         )
-        power = np.sum(np.abs(U) ** 2, axis=0)
-        H = np.sum(U.conj() * Y, axis=0) / power
-        averages = len(U) / _OVERLAP_VARIANCE
-        rest = np.sum(np.abs(Y - H * U) ** 2, axis=0) / len(U) * averages / (averages - 1)
-        variance = rest / (power / len(U)) / averages
-        values[pair] = H
-        variances[pair] = smoothed_variance(
-            variance[:, None], H[:, None], 2 * (averages - 1), 1 / power[:, None]
-        )[:, 0]
-    return Spectra(omega, values, variances, 1 / (length * step), [])
+    inverse = np.linalg.pinv(scaled, hermitian=True) / (size[:, :, None] * size[:, None, :])
+    cross = np.einsum("klf,kl->lf", U.conj(), Y) / segments
+    H = np.einsum("lfg,lg->lf", inverse, cross)
+    rest = np.sum(np.abs(Y - np.einsum("klf,lf->kl", U, H)) ** 2, axis=0) / segments
+    of_inverse = np.einsum("lff->lf", inverse).real
+    variance = (rest * averages / (averages - forces))[:, None] * of_inverse / averages
+    coherence = 1 - 1 / np.maximum(of_inverse * size**2, 1.0)
+    return H, variance, 2 * (averages - forces), float(np.median(coherence.max(axis=1)))
 
 
 def _pairs(records: Sequence[TimeRecord]) -> list[tuple[str, str]]:
     """Return the pairs of channel and reference that records have."""
     return list(
-        dict.fromkeys((channel, record.reference) for record in records for channel in record.channels)
+        dict.fromkeys((channel, record.references[0]) for record in records for channel in record.channels)
     )

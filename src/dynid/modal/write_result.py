@@ -61,6 +61,9 @@ def add_modes(
     result.add(f"{GROUP}/fit/lacks_fit", analysis.bar_scale > 1)
     if np.isfinite(analysis.reciprocity):
         result.add(f"{GROUP}/fit/reciprocity", analysis.reciprocity)
+    if np.isfinite(analysis.real_shapes):
+        result.add(f"{GROUP}/fit/real_shapes", analysis.real_shapes)
+    result.add(f"{GROUP}/fit/whiteness", analysis.whiteness)
     result.annotate(GROUP, noise="estimated" if frf.estimated else "stated")
     if analysis.model.own:
         result.annotate(GROUP, reciprocal=True)
@@ -69,13 +72,19 @@ def add_modes(
         result.add(f"{GROUP}/warnings", doubts, ("warning",))
 
 
+def _misfit(analysis: ModalAnalysis) -> str:
+    if analysis.reduced_chi2 >= analysis.bar_scale**2 * (1 - 1e-9):
+        return f"chi-squared is {analysis.reduced_chi2:.3g} of its expectation"
+    return f"residuals of neighbouring lines are alike (von Neumann's ratio {analysis.whiteness:.3g}, not 1)"
+
+
 def _doubts(analysis: ModalAnalysis) -> list[str]:
     """Return what users must know of the modes."""
     doubts, modes = list[str](), analysis.modes
     if analysis.bar_scale > 1:
         doubts.append(
-            f"lack of fit: chi-squared is {analysis.reduced_chi2:.3g} of its expectation, and standard "
-            f"errors are {analysis.bar_scale:.3g} times those of the noise; close modes need more references"
+            f"lack of fit: {_misfit(analysis)}, and standard errors are {analysis.bar_scale:.3g} times those "
+            "of the noise; close modes need more references"
         )
     if np.isfinite(analysis.reciprocity) and not analysis.model.own:
         doubts.append(

@@ -41,6 +41,8 @@ def modes_table(result: Result) -> TextTable:
     return TextTable(heads, tuple(rows), noun="mode", brief=ALL)
 
 
+# Level of the test of real shapes, and the least p-value that is printed.
+_LEVEL, _MIN_P = 1e-3, 1e-12
 _COLUMNS = ("frequency", "frequency_standard_error", "damping", "damping_standard_error", "complexity")
 
 
@@ -52,13 +54,23 @@ def statements(result: Result) -> Iterator[Statement]:
     by = "whose noise is estimated from them" if noise == "estimated" else "with their stated noise"
     verdict = "leaves more than noise" if lacks else "leaves noise"
     text = f"the fit {verdict} of the responses, {by}: chi-squared {ratio:.3f} of its expectation"
+    if noise == "estimated":
+        text += f", scatter from line to line {result.value(f'{GROUP}/fit/whiteness'):.3f} of white noise"
     yield Statement(text, "bad" if lacks else "good")
     if f"{GROUP}/fit/reciprocity" in result:
         p = result.value(f"{GROUP}/fit/reciprocity")
         used = "used" if result.group_attrs[GROUP].get("reciprocal") else "not used"
-        yield Statement(f"reciprocity of the references: p = {p:.2g}, {used}")
+        yield Statement(f"reciprocity of the references: {_p(p)}, {used}")
+    if f"{GROUP}/fit/real_shapes" in result:
+        p = result.value(f"{GROUP}/fit/real_shapes")
+        reading = "complex shapes are needed" if p < _LEVEL else "not contradicted; modes: {shapes: real}"
+        yield Statement(f"real shapes: {_p(p)}, {reading}")
     scale = result[f"{GROUP}/shape"].attrs["normalisation"]
     yield Statement(f"shapes of {scale}; references {', '.join(texts(result, f'{GROUP}/reference'))}")
+
+
+def _p(value: float) -> str:
+    return f"p = {value:.2g}" if value > _MIN_P else f"p < {_MIN_P:g}"
 
 
 def sections(result: Result) -> Iterator[ReportSection]:

@@ -7,9 +7,11 @@ from functools import partial
 
 import numpy as np
 
+from dynid.arrays import ComplexArray
 from dynid.report.content.modal_analysis import GROUP, modes_table
+from dynid.report.diagrams.modes import SPAN, ShapeGrid, animate
 from dynid.report.diagrams.responses import decibels, frequencies
-from dynid.report.figure import CellValue, Figure, FigureTable, table_of
+from dynid.report.figure import CellValue, Figure, FigureTable, Picture, table_of
 from dynid.report.notation import frequency_label, short, texts
 from dynid.report.plot import (
     Bars,
@@ -25,9 +27,12 @@ from dynid.report.plot import (
     series_class,
 )
 from dynid.report.scenes import frequency_unit
+from dynid.report.svg import Svg, path_of
 from dynid.result import Result
 from dynid.structure.correlation import mac
 
+# Phases of a period that are drawn; between them lines move straight.
+_STAGES = 12
 # Most pairs of response and reference, and most shapes, that are drawn.
 _MAX_PAIRS, _MAX_SHAPES = 12, 9
 
@@ -37,6 +42,8 @@ def figures(result: Result) -> Iterator[Figure]:
     yield Figure("synthesis", "Measured responses and their synthesis", partial(_synthesis, result))
     yield Figure("stabilisation", "Poles of increasing orders", partial(_chart, result))
     yield Figure("modal-shapes", "Mode shapes at the sensors", partial(_shapes, result))
+    if len(result[f"{GROUP}/channel"].data) > 1:
+        yield Figure("modal-shapes-animated", "Mode shapes, animated", partial(_animated, result))
     yield Figure("modal-mac", "MAC of the modes among themselves", partial(_mac, result))
 
 
@@ -88,8 +95,7 @@ def _chart(result: Result) -> Chart:
 
 def _shapes(result: Result) -> Chart:
     shape, channels = result[f"{GROUP}/shape"].data, tuple(texts(result, f"{GROUP}/channel"))
-    # The phase that makes the real part largest, as of a real mode.
-    turned = shape * np.exp(-0.5j * np.angle(np.sum(shape**2, axis=1)))[:, None]
+    turned = _turned(shape)
     across, at = PlotAxis("", names=channels), np.arange(len(channels), dtype=float)
     unit, omega = frequency_unit(result), result[f"{GROUP}/frequency"].data
     subplots = []
@@ -106,6 +112,53 @@ def _shapes(result: Result) -> Chart:
     about = f"Shapes of {scale}, turned so that their real parts are largest.{cut}"
     table = modes_table(result)
     return Chart(in_rows(subplots, 3), about, FigureTable(table.columns, table.rows))
+
+
+def _turned(shape: ComplexArray) -> ComplexArray:
+    """Return shapes (rows) in the phase that makes their real parts largest, as of real modes."""
+    return np.asarray(shape * np.exp(-0.5j * np.angle(np.sum(shape**2, axis=1)))[:, None])
+
+
+def _animated(result: Result) -> Picture:
+    """Draw a period of every mode, a line for each direction of the sensors, in the order of the channels."""
+    shape, channels = _turned(result[f"{GROUP}/shape"].data), texts(result, f"{GROUP}/channel")
+    directions: dict[str, list[int]] = {}
+    for k, name in enumerate(channels):
+        directions.setdefault(name.partition(":")[2].lstrip("+-"), []).append(k)
+    nodes = list(dict.fromkeys(name.partition(":")[0] for name in channels))
+    across = np.array([float(nodes.index(name.partition(":")[0])) for name in channels])
+    svg = Svg("modal-shapes-animated", "Mode shapes, animated")
+    grid = ShapeGrid(svg, np.column_stack([across, np.zeros(len(across))]), len(shape), 8.0, 44.0)
+    stages = [f"{100 * k / _STAGES:g}% {{ d: var(--p{k % _STAGES}) }}" for k in range(_STAGES + 1)]
+    animate(svg, grid.count, " ".join(stages), "linear infinite", 3.2)
+    unit, omega = frequency_unit(result), result[f"{GROUP}/frequency"].data
+    zeta = result[f"{GROUP}/damping"].data
+    for mode, row in enumerate(shape[: grid.count]):
+        heading = f"mode {mode + 1}: {short(unit.factor * float(omega[mode]))} {unit.name}"
+        placed = grid.place(mode, f"{heading}, ζ {short(100 * float(zeta[mode]), 2)} %")
+        reach = SPAN / grid.scale / (float(np.abs(row).max()) or 1.0)
+        for series, rows in enumerate(directions.values()):
+            rest = np.column_stack([across[rows], np.zeros(len(rows))])
+            paths = [
+                path_of(placed(rest + np.outer((row[rows] * turn).real, [0.0, reach])))
+                for turn in np.exp(2j * np.pi * np.arange(_STAGES) / _STAGES)
+            ]
+            svg.element("path", "hair", d=path_of(placed(rest)))
+            style = "; ".join(f"--p{k}: path('{path}')" for k, path in enumerate(paths))
+            cls = f"{series_class(series)} {svg.name}-swing{mode}"
+            svg.element("path", cls, d=paths[0], style=style, stroke_linecap="round")
+    named = [name for name in directions if name]
+    by = f" A line for each direction ({', '.join(named)})." if len(directions) > 1 else ""
+    about = (
+        f"One period of each mode at the sensors, in their order, slowly; still where the system requests "
+        f"less motion, and in print. The thin line is the structure at rest.{by}{grid.cut}"
+    )
+    rows_of_table: list[tuple[CellValue, ...]] = [
+        (name, *(float(part) for value in shape[: grid.count, k] for part in (value.real, value.imag)))
+        for k, name in enumerate(channels)
+    ]
+    heads = [f"{part} {mode + 1}" for mode in range(grid.count) for part in ("real", "imaginary")]
+    return Picture(grid.render(), about, FigureTable(("DOF", *heads), tuple(rows_of_table)))
 
 
 def _mac(result: Result) -> Chart:

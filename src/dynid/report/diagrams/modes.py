@@ -74,10 +74,10 @@ def _tables(result: Result) -> Chart:
 #: Most modes that are drawn, and in a row; rows of the table.
 _MODES, _BESIDE, _ROWS = 9, 3, 200
 #: Width of a shape, margin, and largest displacement, px.
-_WIDTH, _PAD, _SPAN = 250.0, 16.0, 34.0
+_WIDTH, _PAD, SPAN = 250.0, 16.0, 34.0
 
 
-class _ShapeGrid:
+class ShapeGrid:
     """Grid of the shapes of modes below a title; y of shapes upwards.
 
     Shapes fill their width; so much space is beside the outer ones, and between neighbours.
@@ -89,7 +89,7 @@ class _ShapeGrid:
         self.low, self.high = points.min(axis=0), points.max(axis=0)
         self.width, self.height = (self.high - self.low).tolist()
         self.scale = _WIDTH / (max(self.width, self.height) or 1.0)
-        self.row_height = self.scale * self.height + 2 * _SPAN + 40
+        self.row_height = self.scale * self.height + 2 * SPAN + 40
         svg.text(_PAD, _PAD + TITLE, svg.title, "title", anchor="start")
         self.cut = f" The first {self.count} of {modes} modes." if self.count < modes else ""
 
@@ -99,7 +99,7 @@ class _ShapeGrid:
         x = _PAD + self.side + column * (_WIDTH + self.between)
         y = _PAD + TITLE + 22 + row * self.row_height
         self.svg.text(x + _WIDTH / 2, y + 6, heading, "small strong")
-        origin = np.array([x + (_WIDTH - self.scale * self.width) / 2, y + 20 + _SPAN])
+        origin = np.array([x + (_WIDTH - self.scale * self.width) / 2, y + 20 + SPAN])
         corner = np.array([self.low[0], self.high[1]])
 
         def placed(points: Array) -> list[Point]:
@@ -108,6 +108,7 @@ class _ShapeGrid:
         return placed
 
     def render(self) -> str:
+        """Return the figure as SVG."""
         width = 2 * (_PAD + self.side) + self.beside * (_WIDTH + self.between) - self.between
         return self.svg.render(width, _PAD + TITLE + 22 + -(-self.count // _BESIDE) * self.row_height)
 
@@ -129,7 +130,7 @@ def _shapes(result: Result) -> Picture:
     ways = space.flat(space.array("shape_sensor_direction", 3))
     lines = [rest for rest, _ in space.polylines(limit=_MEASURED_LINES)]
     svg = Svg("measured-shapes", "Measured shapes")
-    grid = _ShapeGrid(svg, np.concatenate([*lines, places]), measured.shape[1], _SPAN, 60.0)
+    grid = ShapeGrid(svg, np.concatenate([*lines, places]), measured.shape[1], SPAN, 60.0)
     frequency = result[f"{GROUP}/frequency_measured"]
     for mode in range(grid.count):
         heading = f"measured {mode + 1}: {short(float(frequency.data[mode]))} {frequency.units}"
@@ -137,7 +138,7 @@ def _shapes(result: Result) -> Picture:
             heading += f", MAC {short(float(result[f'{GROUP}/mac'].data[mode]), 3)}"
         placed = grid.place(mode, heading)
         svg.element("path", "hair", d="".join(path_of(placed(rest)) for rest in lines))
-        reach = _SPAN / grid.scale / (float(np.nanmax(np.abs(measured[:, mode]), initial=0.0)) or 1.0)
+        reach = SPAN / grid.scale / (float(np.nanmax(np.abs(measured[:, mode]), initial=0.0)) or 1.0)
         for shape, cls, mark, radius in ((model, "s1", "s1", 5.0), (measured, "s2 fine", "s2 dot", 2.6)):
             for position, way, value in zip(places, ways, shape[:, mode].tolist(), strict=True):
                 if not np.isnan(value):
@@ -196,18 +197,12 @@ def _picture(result: Result, lines_of: _LinesOf, dots: bool, animated: bool) -> 
     damping = result.get(f"{_COMPUTED}/damping")
     unit, points = frequency_unit(result), np.concatenate([rest for rest, _ in lines_of(0)])
     # Columns of a frame sway, so that neighbouring modes may move towards each other.
-    space = (_SPAN + 4, 2 * _SPAN + 10) if np.ptp(points[:, 1]) else (8.0, 44.0)
+    space = (SPAN + 4, 2 * SPAN + 10) if np.ptp(points[:, 1]) else (8.0, 44.0)
     svg = Svg("modes-animated", "Mode shapes, animated") if animated else Svg("modes", "Mode shapes")
-    grid = _ShapeGrid(svg, points, len(omega), *space)
+    grid = ShapeGrid(svg, points, len(omega), *space)
     if animated:
-        swing, rules = f"{svg.name}-swing", list[str]()
-        rules.append(f"@keyframes {swing} {{ from {{ d: var(--there) }} to {{ d: var(--back) }} }}")
-        for mode in range(grid.count):
-            seconds = f"{1.6 / (1 + 0.35 * mode):.2f}"
-            rules.append(f".{swing}{mode} {{ animation: {swing} {seconds}s ease-in-out infinite alternate }}")
-        still = f"{{ {', '.join(f'.{swing}{mode}' for mode in range(grid.count))} {{ animation: none }} }}"
-        rules += [f"@media (prefers-reduced-motion: reduce) {still}", f"@media print {still}"]
-        svg.raw("<style>\n" + "\n".join(rules) + "\n</style>")
+        frames = "from { d: var(--there) } to { d: var(--back) }"
+        animate(svg, grid.count, frames, "ease-in-out infinite alternate", 1.6)
     for mode in range(grid.count):
         heading = f"mode {mode + 1}: {short(unit.factor * float(omega[mode]))} {unit.name}"
         if damping is not None and np.isfinite(damping.data[mode]):
@@ -226,6 +221,21 @@ def _picture(result: Result, lines_of: _LinesOf, dots: bool, animated: bool) -> 
     note = f"The first {_ROWS} of {len(labels)} DOFs." if len(labels) > _ROWS else ""
     heads = ("DOF", *(f"mode {mode + 1}" for mode in range(grid.count)))
     return Picture(grid.render(), about, FigureTable(heads, tuple(rows), note))
+
+
+def animate(svg: Svg, count: int, frames: str, timing: str, seconds: float) -> None:
+    """Write the rules that move the paths of so many modes, the first in so many seconds, the next faster.
+
+    Paths stand still in print, and where the system requests less motion.
+    """
+    swing, rules = f"{svg.name}-swing", list[str]()
+    rules.append(f"@keyframes {swing} {{ {frames} }}")
+    for mode in range(count):
+        duration = f"{seconds / (1 + 0.35 * mode):.2f}"
+        rules.append(f".{swing}{mode} {{ animation: {swing} {duration}s {timing} }}")
+    still = f"{{ {', '.join(f'.{swing}{mode}' for mode in range(count))} {{ animation: none }} }}"
+    rules += [f"@media (prefers-reduced-motion: reduce) {still}", f"@media print {still}"]
+    svg.raw("<style>\n" + "\n".join(rules) + "\n</style>")
 
 
 def _bent(geometry: StructureGeometry, result: Result, mode: int) -> Lines:
@@ -247,12 +257,12 @@ def _bent(geometry: StructureGeometry, result: Result, mode: int) -> Lines:
 
 
 def _draw_shape(
-    grid: _ShapeGrid, mode: int, heading: str, lines: Lines, *, animated: bool, dots: bool
+    grid: ShapeGrid, mode: int, heading: str, lines: Lines, *, animated: bool, dots: bool
 ) -> None:
     """Draw the structure at rest and displaced; the largest displacement has a fixed length."""
     svg, placed = grid.svg, grid.place(mode, heading)
     largest = max(float(np.abs(by).max()) for _, by in lines) or 1.0
-    reach = _SPAN / grid.scale / largest
+    reach = SPAN / grid.scale / largest
     together = len(lines) > _LINES_APART
     rests, theres, backs = (
         [path_of(placed(rest + sign * reach * by)) for rest, by in lines] for sign in (0, 1, -1)

@@ -119,7 +119,7 @@ def _matrix_of(scene: Scene[ModalAnalysisScene], measured: FrfMeasurement) -> _M
 def _test_of_records(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
     """Return responses estimated from records of time with their excitation.
 
-    Raises `UsageError` where a record has not one measured force.
+    Raises `UsageError` where a force of a record is neither measured nor an impulse.
     """
     from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
     from dynid.modal.spectra import TimeRecord, spectra_of_records
@@ -128,20 +128,22 @@ def _test_of_records(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
     model = scene.model
     records, sensors = list[TimeRecord](), dict[tuple[str, str], Frf]()
     for number, (loads, measurement) in enumerate(experiments(scene, model.excitation, model.measurement), 1):
-        force = _force_of(loads, measurement, number)
+        forces = _forces_of(loads, measurement, number)
         names = [str(channel.dof) for channel in measurement.channels]
         for name, channel in zip(names, measurement.channels, strict=True):
-            sensors[name, str(loads[0].dof)] = Frf(channel, loads[0].dof)
+            for load in loads:
+                sensors[name, str(load.dof)] = Frf(channel, load.dof)
         values = np.asarray(measurement.source) - [float(channel.offset) for channel in measurement.channels]
+        if loads[0].signal.kind == "impulse":
+            values[0] /= 2  # the mean of both sides of a jump
         if np.isnan(values).any():
             raise UsageError(
                 f"record {number} has missing samples, which spectra would spread",
                 remedy="Take a stretch without any.",
                 names=("measurement.records", "measurement"),
             )
-        records.append(
-            TimeRecord(f"record {number}", force, values, names, str(loads[0].dof), measurement.step)
-        )
+        references = [str(load.dof) for load in loads]
+        records.append(TimeRecord(f"record {number}", forces, values, names, references, measurement.step))
     exponential, segment = (
         None if seconds is None else float(seconds) for seconds in (model.exponential, model.segment)
     )
@@ -156,22 +158,33 @@ def _test_of_records(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
     return _matrix_of(scene, measured)._replace(resolution=spectra.resolution)
 
 
-def _force_of(loads: Sequence[Any], measurement: Any, number: int) -> Array:
-    """Return the samples of the only force of a record at the times of its responses."""
+def _forces_of(loads: Sequence[Any], measurement: Any, number: int) -> Array:
+    """Return the samples of the forces of a record (samples x forces) at the times of its responses."""
     names = ("excitation", "measurement.excitation", "measurement.records")
-    if len(loads) != 1 or loads[0].motion is not None:
-        raise UsageError(
-            f"record {number} has {len(loads)} excitations, and a modal analysis takes one force a record",
-            remedy="Record the forces one after the other.",
-            names=names,
-        )
-    load = loads[0]
-    if load.signal.kind != "file":
-        raise UsageError(
-            f"the force of record {number} is not measured, but of the kind {load.signal.kind}",
-            remedy="Give its samples: {dof: …, kind: file, path: …}.",
-            names=names,
-        )
+    columns = list[Array]()
+    for load in loads:
+        kind = load.signal.kind
+        if load.motion is not None or kind not in ("file", "impulse") or kind != loads[0].signal.kind:
+            raise UsageError(
+                f"an excitation of record {number} is no measured force"
+                + (", but a motion" if load.motion is not None else f", but of the kind {kind}"),
+                remedy="Give its samples, {dof: …, kind: file, path: …}, or of a free decay after a tap "
+                "{dof: …, kind: impulse, amplitude: …}, in N s.",
+                names=names,
+            )
+        columns.append(_impulse(load, measurement) if kind == "impulse" else _samples(load, measurement))
+    return np.column_stack(columns)
+
+
+def _impulse(load: Any, measurement: Any) -> Array:
+    """Return the samples of an impulse at the first sample of a free decay."""
+    samples = np.zeros(measurement.samples)
+    samples[0] = float(load.gain) * float(load.signal.amplitude) / measurement.step
+    return samples
+
+
+def _samples(load: Any, measurement: Any) -> Array:
+    """Return the samples of a measured force at the times of the responses."""
     step = measurement.step
     first = round((measurement.record.start - load.signal.start - float(load.delay)) / step)
     samples = np.asarray(load.signal.values)[max(first, 0) :][: measurement.samples]
