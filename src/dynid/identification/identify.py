@@ -360,10 +360,12 @@ def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
         mistakes = instrument_mistakes(posterior.likelihood, [posterior.fit.eta, start])
         posterior = replace(posterior, mistakes=tuple(mistakes))
     if not all(record.superposes for record in posterior.likelihood.records):
-        from dynid.identification.diagnosis.idle_laws import idle_laws  # of joints with laws alone
+        # Of joints with laws alone.
+        from dynid.identification.diagnosis.idle_laws import idle_laws
+        from dynid.identification.diagnosis.joint_forces import created_energy
 
-        idle = idle_laws(posterior.likelihood, posterior.fit)
-        posterior = replace(posterior, mistakes=(*posterior.mistakes, *idle))
+        laws = *idle_laws(posterior.likelihood, posterior.fit), *created_energy(posterior)
+        posterior = replace(posterior, mistakes=(*posterior.mistakes, *laws))
     try:
         posterior.check()
     except (Diverged, NotIdentifiable) as error:

@@ -202,7 +202,9 @@ FAMILIES: tuple[_FigureFamily, ...] = (
         f"{_DIAGRAMS}.responses:time_responses",
         paths=("bond_graph/time_response/", "structure/time_response/"),
     ),
-    _FigureFamily(f"{_DIAGRAMS}.identification:joint_figures", paths=("structure/joints/",)),
+    _FigureFamily(
+        f"{_DIAGRAMS}.identification:joint_figures", paths=("structure/joints/", "identification/joints/")
+    ),
     _FigureFamily(f"{_DIAGRAMS}.identification:figures", paths=("identification/parameters/",)),
     _FigureFamily(f"{_DIAGRAMS}.modes:figures", paths=("identification/modes/",)),
     _FigureFamily(

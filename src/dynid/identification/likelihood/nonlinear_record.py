@@ -21,6 +21,8 @@ from dynid.identification.least_squares import STATE_RANK, least_squares
 from dynid.identification.likelihood.record_likelihood import RecordFit
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.systems.nonlinear_prediction import (
+    HiddenStart,
+    NonlinearPrediction,
     bound_laws,
     hidden_start,
     hidden_states,
@@ -31,6 +33,7 @@ from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.identification.systems.prediction import Prediction, Trajectory
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.model import StructuralModel
 from dynid.structure.nonlinear.tables import Refine
 
 # Most steps to the first state, and the change of the sum of squares, relative, below which none is needed.
@@ -120,14 +123,34 @@ class NonlinearRecord(TimeRecord):
 
     def joint_motion(self, fit: RecordFit) -> tuple[Array, Array, list[tuple[str, BoundLaw]]]:
         """Return deflections (times x joints with laws), first hidden states (h), and laws with joints."""
+        z0 = self._hidden_start(fit).z0
         n, eta, start = self.model.states, fit.eta, fit.predicted.start
-        z0 = hidden_start(self.model, eta, start[:n], start[n:]).z0
-        steps = self._kept.get("steps", 1)
-        motion = predicted(self.model, eta, start[:n], z0, steps, sensitive=False)
-        system = self.system_model
-        assert isinstance(system, StructureSystem)
-        names = [joint.name for joint in system.model.joints for _ in joint.laws]
-        return motion.deflections, z0, list(zip(names, bound_laws(self.model, eta), strict=True))
+        motion = predicted(self.model, eta, start[:n], z0, self._kept.get("steps", 1), sensitive=False)
+        return motion.deflections, z0, self.laws_at(eta)
+
+    def laws_at(self, eta: Array) -> list[tuple[str, BoundLaw]]:
+        """Return the laws with their joints' names at coordinates of the parameters."""
+        names = [joint.name for joint in self.structure.joints for _ in joint.laws]
+        return list(zip(names, bound_laws(self.model, eta), strict=True))
+
+    @property
+    def structure(self) -> StructuralModel:
+        """The structure whose joints have laws."""
+        assert isinstance(self.system_model, StructureSystem)
+        return self.system_model.model
+
+    def joint_forces(self, fit: RecordFit) -> tuple[NonlinearPrediction, Array]:
+        """Return the motion with its joint forces, and their slopes (times x joints x nuisances + p)."""
+        n, p, hidden = self.model.states, self.model.parameters, self._hidden_start(fit)
+        start, steps = fit.predicted.start, self._kept.get("steps", 1)
+        motion = predicted(self.model, fit.eta, start[:n], hidden.z0, steps)
+        slopes = motion.force_slopes
+        parts = _joined(hidden, slopes[..., :p], slopes[..., p : p + n], slopes[..., p + n :])
+        return motion, np.concatenate(parts[::-1], axis=2)
+
+    def _hidden_start(self, fit: RecordFit) -> HiddenStart:
+        n, start = self.model.states, fit.predicted.start
+        return hidden_start(self.model, fit.eta, start[:n], start[n:])
 
     def first(self, samples: int) -> Self:
         """Return the likelihood of the first samples of the record."""
@@ -263,17 +286,21 @@ class NonlinearRecord(TimeRecord):
                 if steps > _MAX_PARTS:
                     raise
 
-        def joined(by_parameter: Array, by_state: Array, by_hidden: Array) -> tuple[Array, Array]:
-            by_parameter = by_parameter + by_hidden @ hidden.by_parameter
-            by_state = by_state + by_hidden @ hidden.by_state
-            return by_parameter, np.concatenate([by_state, by_hidden * hidden.by_number], axis=2)
-
-        by_parameter, by_state = joined(motion.by_parameter, motion.by_state, motion.by_hidden)
+        by_parameter, by_state = _joined(hidden, motion.by_parameter, motion.by_state, motion.by_hidden)
         slopes = motion.state_slopes
-        parts = joined(slopes[..., :p], slopes[..., p : p + n], slopes[..., p + n :])
+        parts = _joined(hidden, slopes[..., :p], slopes[..., p : p + n], slopes[..., p + n :])
         return Prediction(motion.outputs, motion.states, by_parameter, by_state), np.concatenate(
             parts[::-1], axis=2
         )
+
+
+def _joined(
+    hidden: HiddenStart, by_parameter: Array, by_state: Array, by_hidden: Array
+) -> tuple[Array, Array]:
+    """Return slopes by the parameters, and by first states and numbers of hidden ones."""
+    by_parameter = by_parameter + by_hidden @ hidden.by_parameter
+    by_state = by_state + by_hidden @ hidden.by_state
+    return by_parameter, np.concatenate([by_state, by_hidden * hidden.by_number], axis=2)
 
 
 def nonlinear(likelihood: Any) -> bool:

@@ -272,7 +272,7 @@ class TimeRecord(RecordLikelihood):
         if requested is None:
             return self
         predicted = self.predicted(fit)
-        root = _initial_root(
+        root = initial_root(
             self, fit, np.maximum(fit.noise, np.finfo(float).eps * self.data.rms), root_of_parameters
         )
         errors = np.concatenate([predicted.by_state, predicted.by_parameter], axis=2) @ root
@@ -511,7 +511,7 @@ def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, root_of_p
     `fit`: its fit at the estimate; `noise`: standard deviation of the noise (channels).
     `root_of_parameters`: a root of the covariance of the coordinates, given all records (p x p).
     """
-    root = _initial_root(record, fit, noise, root_of_parameters)
+    root = initial_root(record, fit, noise, root_of_parameters)
     if (state_slopes := record.state_slopes(fit)) is not None:
         return np.asarray(np.linalg.norm(state_slopes[stored_rows(len(state_slopes))] @ root, axis=2))
     model, n = record.model.moved(fit.eta), record.model.states
@@ -541,7 +541,7 @@ def _sizes(columns: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ijk,ijk->ik", shares, shares)) * unit)
 
 
-def _initial_root(record: TimeRecord, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
+def initial_root(record: TimeRecord, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
     """Return a root of the covariance of initial state (scaled) and coordinates (n + p x n + p)."""
     # Given the coordinates, the state has the mean and covariance of its regression on them.
     n = record.nuisances

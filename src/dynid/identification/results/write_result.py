@@ -386,9 +386,11 @@ def _add_records(
     for k, (record, record_fit) in enumerate(zip(records, parts, strict=True)):
         _add_record(result, posterior, k, record, record_fit, bands[k], true[k])
     if not all(record.superposes for record in records):
-        from dynid.identification.results.write_joints import add_joint_ranges
+        from dynid.identification.results.write_joints import add_joints  # of joints with laws alone
 
-        add_joint_ranges(result, records, parts)
+        groups = [_group(posterior, k, "joints") for k in range(len(records))]
+        laws: Any = records
+        add_joints(result, laws, parts, posterior.noise[: len(records)], posterior.root, groups)
 
 
 def _group(posterior: Posterior, k: int, name: str) -> str:

@@ -63,6 +63,8 @@ class NonlinearPrediction(NamedTuple):
     forces: Array
     events: int
     state_slopes: Array  # of the states by parameters, first and first hidden states (times x n x p + n + h)
+    force_slopes: Array  # of the forces by the same
+    regimes: Array  # of the laws (times x laws)
 
 
 def is_nonlinear(model: ParametricModel) -> bool:
@@ -168,7 +170,28 @@ def predicted(
         model.own(motion.forces),
         motion.events,
         model.own(motion.slopes[..., kept]) if sensitive else motion.slopes,
+        model.own(motion.force_slopes[..., kept]) if sensitive else motion.force_slopes,
+        model.own(motion.regimes),
     )
+
+
+class ForcedRest(NamedTuple):
+    """The linear rest under joint forces, scaled: ``x' = A x + E f``, ``d = rows x``, ``y = C x + D f``."""
+
+    A: Array
+    E: Array
+    rows: Array
+    C: Array
+    D: Array
+
+
+def forced_rest(model: ParametricModel, eta: Array) -> ForcedRest:
+    """Return how joint forces move the rest, the laws themselves left out."""
+    model = model.moved(eta)
+    prepared = _Prepared.of(model, eta)
+    rest, _ = prepared.rest(model, sensitive=False)
+    nf, matrices = rest.forces, prepared.matrices
+    return ForcedRest(rest.A, rest.D[:, :nf], rest.rows[:nf], matrices.C, matrices.D[0][:, -nf:])
 
 
 def steps_needed(model: ParametricModel, eta: Array, x0: Array, z0: Array) -> int:

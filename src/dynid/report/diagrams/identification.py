@@ -320,9 +320,11 @@ def _whiteness(result: Result, group: str) -> Chart:
     return Chart(in_rows(subplots), about, table_of(columns))
 
 
-_GROUP = "structure/joints"
-#: Most joints that are drawn.
-_JOINTS = 8
+_GROUP, _IDENTIFIED = "structure/joints", "identification/joints"
+#: Most joints that are drawn, and most bars of a force.
+_JOINTS, _MOST_BARS = 8, 400
+#: Half width of a 95 % interval in standard deviations.
+_CONFIDENCE = 1.96
 
 
 def joint_figures(result: Result) -> Iterator[Figure]:
@@ -330,6 +332,126 @@ def joint_figures(result: Result) -> Iterator[Figure]:
     if f"{_GROUP}/force" in result:
         yield Figure("joint-loops", "Forces of joints over their deflections", partial(_loops, result))
         yield Figure("joint-histories", "Joints over time", partial(_histories, result))
+    yield from _figures_of_records(
+        result, _IDENTIFIED, "force", "joint-forces", "Restoring forces of joints", _restoring_forces
+    )
+    yield from _figures_of_records(
+        result, _IDENTIFIED, "force", "joint-force-histories", "Forces of joints over time", _force_histories
+    )
+    if f"{_IDENTIFIED}/dissipation" in result:
+        yield Figure("joint-dissipation", "Energy that joints dissipate", partial(_dissipation, result))
+
+
+def _measured(result: Result, group: str, joint: int) -> tuple[Array, ...] | None:
+    """Return deflection, force and its standard deviation as a record has them; None where they are not."""
+    if f"{group}/measured_force" not in result:
+        return None
+    names = ("measured_deflection", "measured_force", "measured_deviation")
+    return tuple(np.asarray(result[f"{group}/{name}"].data[:, joint]) for name in names)
+
+
+def _restoring_forces(result: Result, group: str) -> Chart:
+    """Return the force of the laws over the deflection: of the model, and as the record has it."""
+    names, columns = texts(result, f"{group}/joint")[:_JOINTS], {}
+    subplots = []
+    for k, name in enumerate(names):
+        d, force, error = (
+            result[f"{group}/{member}"].data[:, k] for member in ("deflection", "force", "force_deviation")
+        )
+        layers: list[Layer] = [Curve(d, force, "model", series_class(0))]
+        columns |= {
+            f"{name} deflection (m)": d,
+            f"{name} force (N)": force,
+            f"{name} standard error (N)": error,
+        }
+        if (shown := _measured(result, group, k)) is not None:
+            at, measured, spread = shown
+            rows = slice(None, None, max(1, len(at) // _MOST_BARS))
+            across, bars = _bars(at[rows], measured[rows], _CONFIDENCE * spread[rows])
+            layers = [
+                Curve(across, bars, "95 % of the record", series_class(1)),
+                Markers(at[rows], measured[rows], "record", series_class(1), "o", 1.6),
+                *layers,
+            ]
+            columns |= {f"{name} measured deflection (m)": at, f"{name} measured force (N)": measured}
+        subplots.append(
+            Subplot(PlotAxis(f"{name} deflection (m)"), PlotAxis("force of laws (N)"), layers, height=260.0)
+        )
+    about = (
+        "Force of the laws over the deflection, without the linear spring and damper beside them. The force "
+        "of the record is that of the law with the difference that the residual shows, smoothed; bars: 95 %."
+    )
+    return Chart(in_rows(subplots), about, table_of(columns))
+
+
+def _bars(x: Array, y: Array, half: Array) -> tuple[Array, Array]:
+    """Return upright bars of a half height as one broken line."""
+    gap = np.full_like(x, np.nan)
+    return np.column_stack([x, x, gap]).ravel(), np.column_stack([y - half, y + half, gap]).ravel()
+
+
+def _force_histories(result: Result, group: str) -> Chart:
+    """Return forces of the model and of the record over time with their bands, and regimes of the laws."""
+    time, columns = np.asarray(result[f"{group}/time"].data), {}
+    columns["time (s)"] = time
+    subplots = []
+    for k, name in enumerate(texts(result, f"{group}/joint")[:_JOINTS]):
+        force, error = (result[f"{group}/{member}"].data[:, k] for member in ("force", "force_deviation"))
+        layers: list[Layer] = []
+        if (shown := _measured(result, group, k)) is not None:
+            _, measured, spread = shown
+            half = _CONFIDENCE * spread
+            layers = [
+                BandLayer(time, measured - half, measured + half, "record, 95 %", series_class(1)),
+                Curve(time, measured, "record", series_class(1)),
+            ]
+            columns |= {f"{name} measured force (N)": measured, f"{name} its deviation (N)": spread}
+        half = _CONFIDENCE * error
+        layers += [
+            BandLayer(time, force - half, force + half, "model, 95 %", series_class(0)),
+            Curve(time, force, "model", series_class(0)),
+        ]
+        columns |= {f"{name} force (N)": force, f"{name} standard error (N)": error}
+        subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(f"force of {name} (N)"), layers, height=170.0))
+    regimes = result[f"{group}/regime"].data
+    for k, law in enumerate(texts(result, f"{group}/law")[:_JOINTS]):
+        values = np.asarray(regimes[:, k], dtype=float)
+        columns[law] = values
+        if np.ptp(values) > 0:
+            curve = Curve(time, values, "", series_class(6))
+            subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(law), [curve], height=70.0))
+    about = (
+        "Forces of the laws. Below, the regimes of laws that change theirs: of a slider 0 stuck and ±1 "
+        "slipping, of a gap 0 open and ±1 in contact."
+    )
+    return Chart(in_rows(subplots, 1), about, table_of(columns), shared=True)
+
+
+def _dissipation(result: Result) -> Chart:
+    """Return what joints dissipate in a cycle of a sine, over its amplitude."""
+    names = texts(result, f"{_IDENTIFIED}/joint")[:_JOINTS]
+    amplitude, energy, error = (
+        result[f"{_IDENTIFIED}/{member}"].data
+        for member in ("amplitude", "dissipation", "dissipation_deviation")
+    )
+    subplots, columns = [], {}
+    for k, name in enumerate(names):
+        half = _CONFIDENCE * error[:, k]
+        layers: list[Layer] = [
+            BandLayer(amplitude[:, k], energy[:, k] - half, energy[:, k] + half, "95 %", series_class(0)),
+            Curve(amplitude[:, k], energy[:, k], "", series_class(0)),
+        ]
+        across = PlotAxis(f"{name} amplitude (m)")
+        subplots.append(Subplot(across, PlotAxis("energy a cycle (J)"), layers, height=180.0))
+        columns |= {
+            f"{name} amplitude (m)": amplitude[:, k], f"{name} energy (J)": energy[:, k],
+            f"{name} standard error (J)": error[:, k],
+        }  # fmt: skip
+    about = (
+        "Energy in a cycle of a steady sine, dampers of the joints included, up to the largest deflection in "
+        "the records and at the rate of the motion there."
+    )
+    return Chart(in_rows(subplots), about, table_of(columns))
 
 
 def _columns(result: Result, name: str) -> dict[str, Array]:

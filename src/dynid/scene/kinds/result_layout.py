@@ -178,7 +178,10 @@ LAYOUT: dict[str, str] = {
         "time channel normalised mean_square low high overall overall_low overall_high consistent"
     ),
     "identification/residual_spectrum": "omega channel unit amplitude",
-    "identification/joints": "joint range",
+    "identification/joints": (
+        "joint range fraction amplitude dissipation dissipation_deviation time deflection force "
+        "force_deviation measured_deflection measured_force measured_deviation law regime"
+    ),
     "identification/measurement": (
         "time omega channel unit measured predicted residual noise given_noise deviation frac frac_start "
         "excitation input_unit input prepared start samples_left_out clock_step clock_drift clock_jitter "
@@ -273,7 +276,10 @@ LAYOUT: dict[str, str] = {
 #: Groups with one of the same layout for each of several records, and the beginning of its name.
 OF_RECORDS = frozenset(
     f"identification/{name}"
-    for name in ("measurement", "history", "first_pass", "states", "innovations", "residual_spectrum")
+    for name in (
+        *("measurement", "history", "first_pass", "states", "innovations", "residual_spectrum"),
+        "joints",
+    )
 )
 RECORD = "record_"
 LAYOUT |= {f"{group}/<record>": LAYOUT[group] for group in OF_RECORDS}
