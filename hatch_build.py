@@ -16,6 +16,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -45,7 +46,8 @@ SUFFIX = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
 FLAGS += [] if sys.platform == "win32" else ["-fPIC"]
 LIBRARIES = [] if sys.platform == "win32" else ["-lm"]
 MACOS = "11.0"  # the oldest release that the library is for
-
+# What changes the library without a change of the sources.
+CHOSEN = {"CC", "MACOSX_DEPLOYMENT_TARGET"}
 
 # A link or a picture of the README whose target is a file of the project.
 LINK = re.compile(r"(?P<picture>!?)\[(?P<text>[^\]]*)\]\((?!\w+:|#)(?P<file>[^)\s]+)\)")
@@ -127,19 +129,27 @@ def platform_tag(libraries: list[Path]) -> str:
 
 
 def built(folder: Path, name: str, flags: list[str]) -> Path:
-    """Compile the sources in a folder into a library there; return its path.
+    """Compile the sources in a folder into a library there, unless it is newer than these; return its path.
 
     The point in its name keeps it from being taken for a module.
     """
     command, target = compiler() or ["cc"], folder / f"{name}.{SUFFIX}"
+    sources = sorted(folder.glob("*.c"))
+    newest = max(path.stat().st_mtime for path in (*sources, *folder.glob("*.h"), Path(__file__)))
+    if target.exists() and target.stat().st_mtime > newest and not CHOSEN & os.environ.keys():
+        return target
     environment = os.environ | {"MACOSX_DEPLOYMENT_TARGET": os.environ.get("MACOSX_DEPLOYMENT_TARGET", MACOS)}
     with TemporaryDirectory() as scratch:
-        objects = []
-        for source in sorted(folder.glob("*.c")):
-            objects.append(str(Path(scratch) / source.with_suffix(".o").name))
+
+        def compiled(source: Path) -> str:
+            path = str(Path(scratch) / source.with_suffix(".o").name)
             contracted = "off" if source.name in EVERY_ROUNDING else "fast"
-            own = [*FLAGS, *flags, f"-ffp-contract={contracted}", "-c", str(source), "-o", objects[-1]]
+            own = [*FLAGS, *flags, f"-ffp-contract={contracted}", "-c", str(source), "-o", path]
             subprocess.run([*command, *own], check=True, capture_output=True, text=True, env=environment)
+            return path
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            objects = list(pool.map(compiled, sources))
         linked = Path(scratch) / target.name  # linkers for Windows leave further files beside it
         link = [*command, *flags, "-shared", *objects, "-o", str(linked), *LIBRARIES]
         subprocess.run(link, check=True, capture_output=True, text=True, env=environment)

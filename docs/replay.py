@@ -19,7 +19,7 @@ BLOCK = re.compile(
     r'^```(?P<kind>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<code>.*?)^```$', re.DOTALL | re.MULTILINE
 )
 #: What a run took differs from run to run, and with it the space before it.
-TIME = re.compile(r" {2,}(\S.* · )\d[\d.]* m?s$", re.MULTILINE)
+TIME = re.compile(r" {2,}(\S.* · )\d[\d.e+]* m?s$", re.MULTILINE)
 
 
 def write_commands(folder: Path) -> None:

@@ -119,6 +119,7 @@ def test_a_slip_in_a_command_is_seen(line):
         ("a\n  …\n", "b\nc\n", False),
         ("x = … m\n", "x = 3.2 m\n", True),
         ("Car   exact engine · 0.4 s\n", "Car  exact engine · 13 ms\n", True),
+        ("Car   exact engine · 0.4 s\n", "Car  exact engine · 1.2e+02 s\n", True),
         ("", "unexpected\n", False),
     ],
 )

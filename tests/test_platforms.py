@@ -1,7 +1,9 @@
 """Windows and macOS, with what they lack simulated here: system calls, encodings, open files, libraries."""
 
+import ctypes
 import importlib.util
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -183,6 +185,30 @@ def test_on_windows_the_library_is_compiled_by_ziglang(hook, monkeypatch):
     monkeypatch.setattr(module, "find_spec", lambda _: True)
     assert module.compiler()[1:] == ["-m", "ziglang", "cc"]
     assert (module.SUFFIX, module.LIBRARIES, "-fPIC" in module.FLAGS) == ("dll", [], False)
+
+
+def test_a_library_is_compiled_when_a_source_is_newer(hook, monkeypatch, tmp_path):
+    module = hook("linux")
+    if module.compiler() is None:
+        pytest.skip("no C compiler")
+    source = tmp_path / "answer.c"
+    source.write_text(code := '__attribute__((visibility("default"))) int answer(void) { return 42; }')
+
+    def answer():
+        library = module.built(tmp_path, "library.plain", ["-O0"])
+        copy = shutil.copy(library, tmp_path / f"{len(list(tmp_path.iterdir()))}.so")  # none is loaded twice
+        return ctypes.CDLL(str(copy)).answer()
+
+    assert answer() == 42
+    before = (tmp_path / "library.plain.so").stat().st_mtime
+    source.write_text(code.replace("42", "43"))
+    os.utime(source, (before - 1,) * 2)
+    assert answer() == 42
+    os.utime(source, (before + 1,) * 2)
+    assert answer() == 43
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(OSError, match="no-such-compiler"):
+        answer()
 
 
 def test_links_of_the_readme_lead_somewhere_on_a_package_index(hook):
