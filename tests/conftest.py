@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from dataclasses import replace
 
 # OpenBLAS would start a thread for each core in every worker, once NumPy is loaded; commands start one, too.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -32,6 +33,22 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 def untried(monkeypatch):
     """Read files of other programs without a trial, which takes the start of a process for each of them."""
     monkeypatch.setattr("dynid.trial.survives", lambda *_, **__: None)
+
+
+@pytest.fixture
+def few_starts(monkeypatch):
+    """Three starts besides the given one, where any number ends at no optimum."""
+    from dynid.identification.estimators import multi_start
+
+    monkeypatch.setattr(multi_start, "MOST_STARTS", replace(multi_start.MOST_STARTS, value=3))
+
+
+@pytest.fixture
+def poor_starts(few_starts, monkeypatch):  # noqa: ARG001
+    """Three starts, each the best of 16 instead of hundreds, where nothing depends on how near they are."""
+    from dynid.identification.estimators import multi_start
+
+    monkeypatch.setattr(multi_start, "_ROUNDS", [(16, reach, part) for _, reach, part in multi_start._ROUNDS])
 
 
 @pytest.fixture(scope="session")

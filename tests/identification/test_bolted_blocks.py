@@ -29,6 +29,8 @@ def small(blocks):
     return blocks.by_parts(model)
 
 
+@pytest.mark.slow  # test_undetermined.py has the sentence of small models
+@pytest.mark.usefixtures("poor_starts")
 def test_the_components_that_nothing_excites_are_named(blocks, small):
     out_of_plane = [f"bolt.{letter}.{along}" for along in ("y", "rx", "rz") for letter in "kc"]
     said = blocks.undetermined(small)

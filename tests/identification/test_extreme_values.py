@@ -93,8 +93,8 @@ ABSURD = [
     ((1e-30, 1e-30), Link((1, 2), 1e4, 1e30)),
 ]
 CASES = [(*one, quantity, samples) for one in ABSURD for quantity in EVERY for samples in (1, 30)]
-# Of the large mass beside the small one every start is tried, which takes a second.
-QUICK = [case for case in CASES if (case[0], case[3]) != ((1e300, 1), 30) or case[2] == "acceleration"]
+# Of the large mass beside the small one every start is tried; the test below has it with few.
+QUICK = [case for case in CASES if (case[0], case[3]) != ((1e300, 1), 30)]
 
 
 @pytest.mark.parametrize(("masses", "link", "quantity", "samples"), sample(CASES, 0, *QUICK))

@@ -226,12 +226,12 @@ def suggested_of_good_records(monkeypatch, seeds):
 
 
 def test_good_records_give_no_cause_for_suggestions(monkeypatch):
-    assert suggested_of_good_records(monkeypatch, range(1, 4)) == []
+    assert suggested_of_good_records(monkeypatch, [1]) == []
 
 
 @pytest.mark.slow
 def test_none_of_many_good_records_gives_cause_for_suggestions(monkeypatch):
-    assert suggested_of_good_records(monkeypatch, range(4, 64)) == []
+    assert suggested_of_good_records(monkeypatch, range(2, 64)) == []
 
 
 @pytest.mark.usefixtures("poor_starts")

@@ -297,6 +297,7 @@ def suspension():
     ],
     ids=["seed", "noise", "start", "odd", "true"],
 )
+@pytest.mark.usefixtures("poor_starts")
 def test_identifications_are_those_of_each_sample(suspension, overrides):
     outcomes = assert_same(suspension, overrides)
     assert not outcomes[0].error

@@ -459,6 +459,18 @@ def test_faults_of_delays_are_located(old, new, message):
     assert message in str(raised.value)
 
 
+NONLINEAR = LATE.replace("analysis:", "operating_point: {}\nanalysis:")
+
+
+@pytest.mark.parametrize(
+    "more", ["time: {stop: 1, step: 0.1}", "time: {stop: 1, step: 0.1}, results: [time_response]"]
+)
+def test_a_response_of_nonlinear_laws_is_refused_with_a_delay(more):
+    text = NONLINEAR.replace("analysis:\n  outputs: [shaft.q]", f"analysis: {{outputs: [shaft.q], {more}}}")
+    with pytest.raises(SceneError, match="the response of nonlinear laws is not computed where a loop has a"):
+        scene(text)
+
+
 SAMPLED = """\
 dynid: 1
 kind: bond-graph

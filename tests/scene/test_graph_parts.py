@@ -382,6 +382,13 @@ STRUCTURE = "{type: structure, structure: {lumped: {masses: [1]}}, "
         ("{type: structure, ports: {a: 1}}", "one -> r", "r.f", "a structure is written {type: structure", 8),
         (f"{STRUCTURE}ports: [a]}}", "one -> r", "r.f", "a structure is written {type: structure", 8),
         (
+            STRUCTURE + "joints: {j: {dofs: [1], k: 1, laws: [{kind: cubic, k3: 1}]}}, ports: {a: 1}}",
+            "one -> r",
+            "r.f",
+            "joint 'j' has nonlinear laws, and a bond graph takes a structure as linear",
+            8,
+        ),
+        (
             f"{STRUCTURE}value: 1, ports: {{a: 1}}}}",
             "one -> r",
             "r.f",

@@ -194,6 +194,14 @@ def test_faults_of_lines_are_located(old, new, message):
     assert message in str(raised.value)
 
 
+def test_more_lines_than_their_common_roots_allow_are_refused():
+    names = [f"L{k}" for k in range(9)]
+    lines = "\n".join(f"    {name}: {{type: TL, impedance: 2, delay: 0.5}}" for name in names)
+    text = LINE.replace("    cable: {type: TL, impedance: 2, delay: 0.5}", lines)
+    with pytest.raises(SceneError, match=r"at most 8 lines \(TL\), not 9"):
+        scene(text.replace("a -> cable -> b", f"a -> {' -> '.join(names)} -> b"))
+
+
 def test_a_sampled_controller_behind_a_matched_line():
     """The wave is the held input, late: steps of a lag by its exponential."""
     text = LINE.replace("Rs: {type: R, value: 0.2}", "Rs: {type: R, value: 2}").replace(
