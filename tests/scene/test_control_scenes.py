@@ -500,6 +500,19 @@ def test_sampled_loops_fill_what_continuous_ones_do():
     assert np.sort_complex(s) == pytest.approx(np.sort_complex(expected), rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    "controller",
+    [
+        "{numerator: [1], denominator: [1, -0.5], method: z, sample: 0.1}",
+        "{gain: 1, method: zoh, sample: 0.1}",
+    ],
+)
+def test_a_sampled_controller_of_either_method_is_valid(controller):
+    assert scene(
+        SAMPLED.replace("{gain: 1, sample: 0.1, computation: 0.25}", controller)
+    ).model.control.sampled
+
+
 def test_results_of_sampled_loops():
     result = dynid.run(
         scene(SAMPLED.replace("inputs: [w]", "inputs: [w], frequency: {start: 1, stop: 9, points: 3}"))
@@ -565,6 +578,8 @@ measurement: {step: 0.002, samples: 10, channels: [{output: shaft.q}], simulate:
 """
     with pytest.raises(SceneError, match="a loop with a delay is not identified"):
         scene(text)
+    with pytest.raises(SceneError, match="a sampled loop is not identified"):
+        scene(text.replace("delay: 0.1", "sample: 0.1"))
 
 
 def test_a_study_over_a_gain_of_a_controller_is_run_alone():

@@ -646,6 +646,15 @@ graph:
 excitation: [{source: F, kind: step}]
 measurement: {step: 0.01, samples: 100, channels: [{output: m.f}], simulate: {noise_ratio: 0.01, seed: 1}}
 """
+REDUCTION = f"""dynid: 1
+kind: reduction
+structure:
+  lumped: {{masses: [1, 1, 1], links: [{{dofs: [1], k: 1}}, {{dofs: [1, 2], k: 1}}, {{dofs: [2, 3], k: 1}}]}}
+reduction: [{{method: craig-bampton, masters: [2], modes: {{below: 9}}}}, {{method: guyan, masters: [1]}}]
+{GRID}
+inputs: [1]
+outputs: [{{dof: 2, quantity: velocity}}]
+"""
 RESPONSES = GRAPH + f"analysis: {{outputs: [m.f], {GRID}}}\nderived: [frequency_response]\n"
 
 
@@ -673,6 +682,10 @@ RESPONSES = GRAPH + f"analysis: {{outputs: [m.f], {GRID}}}\nderived: [frequency_
         (RESPONSES, f"{DERIVED}/frequency_response/m.f/F/magnitude/value", "{omega: 2}", ""),
         (RESPONSES, f"{DERIVED}/frequency_response/m.f/F/magnitude/value", "{omega: 2.5}", "no omega 2.5 on"),
         (RESPONSES, "identification/parameters/estimate", "{time: 2}", "no dimension 'time'"),
+        (REDUCTION, "reduction/frf/full", "{omega: 2}", ""),
+        (REDUCTION, "reduction/frf/full", "{omega: 2.5}", "no omega 2.5 on"),
+        (REDUCTION, "reduction/craig-bampton/frequencies", "{mode: 9}", "there are 3 at most"),
+        (REDUCTION, "reduction/guyan/frequencies", "{mode: 2}", "there are 1 at most"),
     ],
 )
 def test_labels_of_what_the_scene_leaves_out(text, path, at, said):

@@ -373,3 +373,8 @@ def test_responses_are_derived_at_the_frequencies_of_the_analysis():
     expected = np.abs((J * s + 1e-3) / ((0.05 * s + R) * (J * s + 1e-3) + 0.01))
     np.testing.assert_allclose(found[f"{group}/omega"].data, s.imag, rtol=1e-12)
     np.testing.assert_allclose(found[f"{group}/value"].data, expected, rtol=1e-9)
+
+
+def test_a_sensor_in_a_graph_has_no_mass():
+    with pytest.raises(SceneError, match="the 'mass' of a sensor is at the one 'dof' that it measures"):
+        scene(DRIVE.replace("{output: L.f}", "{output: L.f, mass: 1}"))

@@ -103,6 +103,15 @@ def test_faults_of_laws_are_one_sentence_at_their_place(tmp_path, laws, options,
     assert "scene.yaml:" in str(error.value)
 
 
+def test_laws_act_on_one_deflection(tmp_path):
+    text = BODY.format(laws="{kind: cubic, k3: 1}", more="", rest="k: 1", asked=TIME)
+    (tmp_path / "scene.yaml").write_text(
+        text.replace("masses: [1, 2]", "masses: [1, 2, 1]").replace("dofs: [1, 2]\n", "dofs: [1, 2, 3]\n")
+    )
+    with pytest.raises(SceneError, match="laws act on one deflection, and 'dofs' names 3"):
+        load_scene(tmp_path / "scene.yaml")
+
+
 @pytest.mark.parametrize(
     "law",
     [

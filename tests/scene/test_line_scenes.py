@@ -194,6 +194,12 @@ def test_faults_of_lines_are_located(old, new, message):
     assert message in str(raised.value)
 
 
+def test_a_graph_with_a_line_is_not_identified():
+    text = LINE.replace("bond-graph", "identification").partition("analysis:")[0]
+    with pytest.raises(SceneError, match="a graph with a line is not identified"):
+        scene(text + "measurement: {step: 0.01, samples: 9, channels: [{output: RL.e}], simulate: {}}\n")
+
+
 def test_more_lines_than_their_common_roots_allow_are_refused():
     names = [f"L{k}" for k in range(9)]
     lines = "\n".join(f"    {name}: {{type: TL, impedance: 2, delay: 0.5}}" for name in names)

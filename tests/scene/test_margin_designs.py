@@ -5,7 +5,7 @@ import pytest
 
 import dynid
 from dynid.bondgraph.design.functions import DesignFunctions
-from dynid.errors import SceneError, Unreachable
+from dynid.errors import SceneError, Unreachable, UsageError
 from dynid.scene.kinds.design import design_of
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
@@ -93,6 +93,11 @@ def test_a_design_without_delays_joins_margins_and_poles():
     assert result["bond_graph/margins/phase"].data[0] == pytest.approx(70, rel=1e-9)
     poles = result["bond_graph/transfer_function/C1.e/w/poles"].data
     assert np.abs(np.abs(poles) - 1.2).min() < 1e-9
+
+
+def test_what_is_maximised_is_positive():
+    with pytest.raises(UsageError, match="'ki' is not positive: what is maximised has a start"):
+        dynid.run(asked("{Ms: 1.4}, {maximise: ki}", LAG.replace("ki: 0.3", "ki: -0.3")))
 
 
 def test_margins_that_no_gain_reaches_are_refused():
