@@ -15,6 +15,7 @@ from dynid.identification.records.measurement import Experiment, Measurement, Si
 from dynid.identification.systems.frf_system import frf_data
 from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Sampled
+from dynid.parameters import starts
 from dynid.report.content.blocks import Statement
 from dynid.report.content.identification import sections
 from dynid.scene.load import load_scene
@@ -213,8 +214,9 @@ def suggested_of_good_records(monkeypatch, seeds):
     """Return the suggestions for good records, whether their fit gives cause for them or not."""
     found = []
 
-    def checked(posterior, start, _suggest):
-        found.append(instrument_mistakes(posterior.likelihood, [posterior.fit.eta, start]))
+    def checked(posterior, begun, _suggest):
+        etas = [posterior.fit.eta, starts(begun.unknowns)]
+        found.append(instrument_mistakes(posterior.likelihood, etas))
         return posterior
 
     monkeypatch.setattr(identification, "_checked", checked)

@@ -172,11 +172,13 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
         if unknown.name in origin.undetermined
     }
     astray: Posterior | None = None
+    begun: Likelihood | None = None
     searches = 0
     for _ in range(1 + len(unknowns)):
         if fixed:
             model = with_fixed(model, fixed)
             likelihood = problem.likelihood_of(model, values).continuing(likelihood)
+        begun = begun or likelihood
         refit: Any = rebuild
         if rebuild is not None and fixed:
             refit = partial(lambda fixed, values: with_fixed(rebuild(values), fixed), dict(fixed))
@@ -202,7 +204,7 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
         astray = None
     # What is fixed starts there; the scene's starts are those that are reported.
     posterior = replace(posterior, starts=tuple(unknown.start for unknown in unknowns))
-    posterior = _checked(posterior, starts(unknowns if astray else model.unknowns), suggest)
+    posterior = _checked(posterior, begun or likelihood, suggest)
     if astray is not None:
         return posterior, model
     full = isinstance(problem.truth, StructuralModel) and problem.truth.basis is None
@@ -354,10 +356,17 @@ def _estimated(estimator: Any, likelihood: Likelihood, eta: Array, suggest: bool
     return replace(estimate, likelihood=coloured, fit=coloured.fit(estimate.fit.eta), comparison=None)
 
 
-def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
-    """Return a checked posterior, which may be rejected, with mistakes that explain its lack of fit."""
+def _checked(posterior: Posterior, begun: Likelihood, suggest: bool) -> Posterior:
+    """Return a checked posterior, which may be rejected, with mistakes that explain its lack of fit.
+
+    `begun`: the likelihood of the start, in which the parameters are free that ran away and were fixed.
+    """
     if suggest and (not posterior.comparison.explained or posterior.comparison.lacks_fit):
-        mistakes = instrument_mistakes(posterior.likelihood, [posterior.fit.eta, start])
+        likelihood, start = posterior.likelihood, starts(begun.unknowns)
+        etas = [posterior.fit.eta, start]
+        if not np.array_equal(start, starts(likelihood.unknowns)):
+            likelihood, etas = begun, [start]
+        mistakes = instrument_mistakes(likelihood, etas)
         posterior = replace(posterior, mistakes=tuple(mistakes))
     if not all(record.superposes for record in posterior.likelihood.records):
         # Of joints with laws alone.

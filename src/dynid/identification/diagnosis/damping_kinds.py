@@ -7,17 +7,18 @@ band they do not. Where responses contradict the one of a model, joints with the
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import DynidError
-from dynid.identification.diagnosis.corrections import GAIN_EACH, LEAST_GAIN, STEPS
+from dynid.identification.diagnosis.corrections import STEPS, Explanation
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.likelihood.frf_record import FrfLikelihood, FrfRecord
-from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.systems.frf_system import FrfSystem
 from dynid.number_format import frequency_text, quantity
@@ -31,36 +32,31 @@ _MAX_SINGLE_JOINTS = 6
 _ALIKE_CORRELATION, _ALIKE_ERROR = 0.95, 0.3
 
 
-def other_damping(likelihood: Likelihood, eta: Array) -> list[str]:
-    """Return the suggestion to exchange c and eta of joints where that explains the responses; else nothing.
+def other_damping(likelihood: Likelihood, eta: Array) -> Iterator[Explanation]:
+    """Yield models with c and eta of joints exchanged: of all, and of one at a time.
 
     `likelihood`: responses that the model does not explain; `eta`: coordinates of its estimate (p).
     """
     model = _structure(likelihood)
-    if model is None:
-        return []
+    joints = [] if model is None else [joint for joint in model.joints if _kind(joint)]
+    if model is None or not joints:
+        return
     values = named(likelihood.unknowns, eta)
     omega = np.concatenate([_frequencies(record) for record in likelihood.records])
     middle = float(np.exp(np.mean(np.log(omega[omega > 0]))))
-    joints = [joint for joint in model.joints if _kind(joint)]
-    sets = [joints, *([joint] for joint in joints if 1 < len(joints) <= _MAX_SINGLE_JOINTS)]
     before = likelihood.record_misfit(likelihood.fit(eta))
-    for exchanged in sets if joints else ():
+    for exchanged in (joints, *([joint] for joint in joints if 1 < len(joints) <= _MAX_SINGLE_JOINTS)):
         others = [
             _exchanged(joint, values, middle) if joint in exchanged else joint for joint in model.joints
         ]
-        try:
+        with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):  # then it explains nothing
             other = _with_model(likelihood, model.joined(others))
             begin = {**values, **named(other.unknowns, starts(other.unknowns))}
             begin |= {name: values[name] for name in other.names if name in values}
             origin = np.array([unknown.coordinate(begin[unknown.name]) for unknown in other.unknowns])
             fit = refine(other, origin, STEPS).fit
-            gain = before - other.record_misfit(fit)
-            if gain > LEAST_GAIN + GAIN_EACH * len(exchanged) and not compare_models(other, fit).lacks_fit:
-                return [_sentence(exchanged, named(other.unknowns, fit.eta))]
-        except (DynidError, ArithmeticError, np.linalg.LinAlgError):
-            continue  # one that cannot be estimated explains nothing
-    return []
+            said = partial(_sentences, exchanged, named(other.unknowns, fit.eta))
+            yield Explanation(before - other.record_misfit(fit), other, fit, said, len(exchanged))
 
 
 def _structure(likelihood: Likelihood) -> StructuralModel | None:
@@ -106,14 +102,14 @@ def _exchanged(joint: Joint, values: dict[str, float], omega: float) -> Joint:
     return replace(joint, eta=None, c=JointParameter(start=float(c), matrix=matrix))
 
 
-def _sentence(exchanged: Sequence[Joint], values: dict[str, float]) -> str:
+def _sentences(exchanged: Sequence[Joint], values: dict[str, float]) -> Iterator[str]:
     names = list(dict.fromkeys(joint.name for joint in exchanged))
     structural = exchanged[0].eta is None
     kind, key = ("structural damping", "eta") if structural else ("dampers", "c")
     stand = {name: values[name] for name in values if name.rpartition(f".{key}")[0] in names}
     found = ", ".join(f"{name} = {quantity(value)}" for name, value in stand.items())
     dissipate = "dissipates" if len(names) == 1 else "dissipate"
-    return (
+    yield (
         f"the lack of fit is explained where {', '.join(names)} {dissipate} as {kind}: write {key} instead "
         f"of {'c' if structural else 'eta'} ({found})"
     )

@@ -7,18 +7,19 @@ nearest to the ratio of their RMS; of an unknown gain, which takes any, none. Th
 again from the corrected channels, in turn, until the corrections stay the same: a search for the greatest
 concentrated likelihood over parameters and corrections. It starts from the estimate, from the start, and from
 the start with one mistake in all channels, or in all of one quantity, with one reversed channel, or with two
-exchanged channels of one quantity and unit. Where all that explains nothing, a gain is free, of one channel
-or a common one of all, which is that of the excitation: the parameters are estimated anew for every gain, and
-the likelihood is that of both.
+exchanged channels of one quantity and unit. Where all that explains nothing, one more unknown is estimated:
+a gain, the corner of a filter, or the mass of a sensor (`instrument_unknowns`); of frequency responses, the
+other kind of damping is tried first (`damping_kinds`).
 
-Corrections are suggested only where the model lacked fit, the likelihood grows far beyond what the choice
-among them explains, every corrected channel needs its own, and the corrected record fits.
+Anything is suggested only where the model lacked fit, the likelihood grows far beyond what the choice
+explains, every corrected channel needs its own, and the record then fits.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -27,23 +28,19 @@ from dynid.arrays import Array
 from dynid.errors import DynidError
 from dynid.identification.diagnosis.corrections import (
     FEW_STEPS,
-    GAIN_EACH,
-    LEAST_GAIN,
     NONE,
     STEPS,
+    Corrected,
     Correction,
     Corrections,
-    Found,
+    Explanation,
     concentrated,
     corrected,
     estimated,
-    free_gain,
-    gain_sentence,
     gain_unknown,
     shifted,
 )
 from dynid.identification.likelihood.frf_record import FrfLikelihood, FrfRecord
-from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.systems.band_limited_system import BAND_FACTOR
@@ -81,39 +78,40 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
             record.measurement.proportional or record.multiplications > _MAX_SEARCH_WORK
         ):
             return []
+    second: Explanation | None = None  # one that explains the signal, where the residuals still contradict
+    for explanation in _explanations(likelihood, etas):
+        if not explanation.explains:
+            continue
+        if not explanation.comparison.lacks_fit:
+            return list(explanation.sentences())
+        if second is None and explanation.large and explanation.comparison.explained:
+            second = explanation
+    return [] if second is None else list(second.sentences())
+
+
+def _explanations(likelihood: Likelihood, etas: Sequence[Array]) -> Iterator[Explanation]:
+    """Yield what may explain a lack of fit: corrections of channels, then one more unknown."""
     if isinstance(likelihood, FrfLikelihood):
         from dynid.identification.diagnosis.damping_kinds import other_damping  # of responses alone
 
-        if said := other_damping(likelihood, etas[0]):
-            return said
+        yield from other_damping(likelihood, etas[0])
         likelihood = likelihood.band_limited(BAND_FACTOR) or likelihood
-    plain = corrected(likelihood, [[NONE] * record.data.values.shape[1] for record in records])
+    plain = corrected(likelihood, [[NONE] * record.data.values.shape[1] for record in likelihood.records])
     try:
         before = concentrated(plain, plain.fit(etas[0]), None)
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         before = math.inf
-    explanations = _explanations(plain, etas)
-    best = next(
-        (found for found in explanations if found is not None and _explains(plain, found, before)), None
-    )
-    if best is not None and not compare_models(best.likelihood, best.fit).lacks_fit:
-        return list(_sentences(plain, best))
-    from dynid.identification.diagnosis.missing_instruments import missing_instruments  # of a misfit alone
+    predicted = [estimate for eta in etas if (estimate := _search(plain, eta)) is not None]
+    if predicted:
+        yield from _explained(plain, min(predicted, key=lambda estimate: estimate.value), before)
+    if (common := _from_common_mistakes(plain, etas[-1])) is not None:
+        yield from _explained(plain, common, before)
+    from dynid.identification.diagnosis.instrument_unknowns import instrument_unknowns  # of a misfit alone
 
-    if said := missing_instruments(plain, etas):
-        return said
-    return [] if best is None else list(_sentences(plain, best))
+    yield from instrument_unknowns(plain, etas)
 
 
-def _explanations(plain: Likelihood, etas: Sequence[Array]) -> Iterator[Found | None]:
-    """Yield the best corrections from what predictions suggest, from common mistakes, and of a gain."""
-    estimates = [estimate for eta in etas if (estimate := _search(plain, eta)) is not None]
-    yield min(estimates, key=lambda estimate: estimate.value, default=None)
-    yield _from_common_mistakes(plain, etas[-1])
-    yield free_gain(plain, etas[0])
-
-
-def _search(plain: Likelihood, eta: Array, first: Corrections | None = None) -> Found | None:
+def _search(plain: Likelihood, eta: Array, first: Corrections | None = None) -> Corrected | None:
     """Return corrections and estimate that belong to each other; None where the estimate fails."""
     # The `first` corrections are those of the prediction at `eta` where none are given.
     try:
@@ -132,7 +130,7 @@ def _search(plain: Likelihood, eta: Array, first: Corrections | None = None) -> 
     return None
 
 
-def _from_common_mistakes(plain: Likelihood, eta: Array) -> Found | None:
+def _from_common_mistakes(plain: Likelihood, eta: Array) -> Corrected | None:
     """Return the best of the searches that start with one mistake in all channels, a quantity, or a sign."""
     if (
         sum(record.data.values.size for record in plain.records) * plain.records[0].nuisances
@@ -263,11 +261,9 @@ def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> C
     return Correction(float(alike[int(np.argmin(np.abs(np.log(np.abs(alike / ratio)))))]), delay)
 
 
-def _explains(plain: Likelihood, estimate: Found, before: float) -> bool:
-    """Return True if the corrections are needed, each of them, and the corrected records fit."""
+def _explained(plain: Likelihood, estimate: Corrected, before: float) -> Iterator[Explanation]:
+    """Yield what corrections explain, if there are any and each of them is needed."""
     changed = sum(correction != NONE for of_channels in estimate.corrections for correction in of_channels)
-    if not changed or not before - estimate.value > LEAST_GAIN + GAIN_EACH * changed:
-        return False
     for record, record_fit, of_channels in zip(
         plain.records, estimate.fit.parts, estimate.corrections, strict=True
     ):
@@ -275,15 +271,20 @@ def _explains(plain: Likelihood, estimate: Found, before: float) -> bool:
             uncorrected = record.data.values[:, c] - record_fit.predicted.outputs[:, c]
             min_square = _SQUARE_RATIO * (record_fit.size[c] * correction.factor) ** 2
             if correction != NONE and not float(np.nanmean(uncorrected**2)) > min_square:
-                return False
-    return compare_models(estimate.likelihood, estimate.fit).explained
+                return
+    if changed:
+        yield Explanation(
+            before - estimate.value,
+            estimate.likelihood,
+            estimate.fit,
+            partial(_sentences, plain, estimate),
+            changed,
+            large=True,
+        )
 
 
-def _sentences(plain: Likelihood, estimate: Found) -> Iterator[str]:
+def _sentences(plain: Likelihood, estimate: Corrected) -> Iterator[str]:
     """Yield one sentence for each kind of correction; delays of records at different steps are different."""
-    if estimate.spread:
-        yield gain_sentence(plain, estimate)
-        return
     several = len(plain.records) > 1
     places: dict[tuple[Correction, float], list[str]] = {}
     channels = 0
