@@ -142,7 +142,9 @@ def test_no_kind_of_damping_explains_a_wrong_mass():
     )
     problem = Problem.of(model, FrfMeasurement(lines(*BAND), CHANNELS, Simulation(0.03, 1)), truth=truth)
     eta = np.log([item.true for item in model.unknowns])
-    assert other_damping(problem.likelihood, eta) == []
+    tried = list(other_damping(problem.likelihood, eta))
+    assert tried
+    assert not any(one.explains and not one.comparison.lacks_fit for one in tried)
 
 
 def test_damper_and_loss_factor_of_one_joint_are_alike_in_a_narrow_band():
