@@ -228,6 +228,8 @@ def test_a_record_of_a_structure_that_was_condensed():
     told = facts(explain(scene_of(f"{text}reduction: {{method: guyan, masters: [1, 3]}}\n")))
     assert told["model"].startswith("3 DOFs reduced by guyan to 2: 4 states; 2 unknown of 2")
     assert told["basis"] == "2 masters; condition of the slaves' stiffness 1"
+    told = facts(explain(scene_of(f"{text}reduction: {{method: joint-aware, modes: [1, 3]}}\n")))
+    assert told["basis"].startswith("2 modes")
 
 
 def test_where_nothing_tells_the_memory_it_is_guessed(monkeypatch):

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import dynid
 from dynid.errors import UsageError
+from dynid.native import VARIABLE
 from dynid.result import Result, Selection
 from dynid.scene.batch import run_alone, run_batch, why_alone
 from dynid.scene.kind import KINDS
@@ -47,6 +48,11 @@ def assert_same(template, overrides, collect=(), *, together=True):
 
 
 FACTOR = st.floats(0.1, 10)
+
+
+def test_samples_are_run_together_without_the_library(isolator, monkeypatch):
+    monkeypatch.setenv(VARIABLE, "0")
+    assert_same(isolator, [{"parameters.m_s": mass} for mass in (9.0, 11.0)])
 
 
 @settings(max_examples=10, deadline=None)

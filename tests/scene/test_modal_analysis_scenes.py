@@ -1,5 +1,7 @@
 """Scenes of kind `modal-analysis`: what they read, refuse, and write."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -106,6 +108,9 @@ def test_explanation_says_what_is_read(scene):
     assert facts["responses"] == "2 responses to 1 reference (3)"
     assert facts["lines"].startswith("400 lines")
     assert "largest entry 1" in facts["scale"]
+    template = Path(dynid.__file__).parent / "templates/modal-analysis.yaml"
+    facts = {fact.topic: fact.text for fact in explain(dynid.load_scene(template)).facts}
+    assert facts["scale"] == "modal a of 1, by 1 driving point"
     assert "1 lines" in str(explain(dynid.load_scene(scene(("low: 2", "low: 44.99")))).obstacle)
     assert explain(dynid.load_scene(scene(("low: 2, high: 45", "low: 60, high: 80")))).obstacle is not None
 
