@@ -234,6 +234,6 @@ def test_a_sampled_controller_behind_a_matched_line():
         x = decay * x + gain * (held[k - 50] if k >= 50 else 0.0)
     response = result["bond_graph/time_response/response"].data[:, 0]
     assert response == pytest.approx(values[::5], abs=1e-13)
-    assert result.value("bond_graph/system/stability") == "undecided"
-    with pytest.raises(SceneError, match="there is no 'step_info' with sampled loops with a line"):
-        scene(text.replace("outputs: [C.e]", "outputs: [C.e], results: [step_info]"))
+    assert result.value("bond_graph/system/stability") == "stable"
+    with pytest.raises(SceneError, match="there is no 'causality' with sampled loops with a line"):
+        scene(text.replace("outputs: [C.e]", "outputs: [C.e], results: [causality]"))

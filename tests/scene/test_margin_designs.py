@@ -120,3 +120,63 @@ def test_faults_of_targets_are_located(targets, message):
     with pytest.raises(SceneError) as raised:
         asked(targets)
     assert message in str(raised.value)
+
+
+SAMPLED = LAG.replace("delay: 0.5", "sample: 0.2, computation: 0.05").replace(
+    "delay: 0.1", "sample: 0.2, computation: 0.05, method: backward"
+)
+
+
+@pytest.mark.parametrize("loop", [1, 2])
+@pytest.mark.parametrize("kind", ["phase_margin", "gain_margin", "Ms", "Mt"])
+def test_slopes_of_sampled_loops_are_those_of_differences(kind, loop):
+    text = SAMPLED.replace("free: {kp: , ki: }", "free: {kp: , ki: , kv: , r: }")
+    text = (
+        text.replace("kv: 0.5}", "kv: 2.6, r: 2}")
+        .replace("kp: 1, ki: 0.3", "kp: 2, ki: 1.6")
+        .replace("value: 2", "value: r")
+    )
+    functions = DesignFunctions(design_of(asked(f"{{{kind}: 2, loop: {loop}}}", text)))
+    eta, step = functions.coordinates.start, 1e-4
+    here = functions.at(eta)
+    differences = []
+    for direction in np.eye(len(eta)):
+        values = [functions.at(eta + side * step * direction).residuals[0] for side in (-2, -1, 1, 2)]
+        differences.append((values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step))
+    size = np.abs(here.jacobian).max()
+    assert here.jacobian[0] == pytest.approx(differences, abs=1e-7 * size)
+
+
+@pytest.mark.parametrize(
+    ("targets", "reached"),
+    [
+        ("{phase_margin: 70}, {gain_margin: 9}", {"phase": 70, "gain": 9}),
+        ("{Ms: 1.4}, {maximise: ki}", {"Ms": 1.4}),
+        ("{Mt: 1.4}", {"Mt": 1.4}),
+    ],
+)
+def test_targets_of_sampled_loops_are_met_by_the_exact_margins(targets, reached):
+    result = dynid.run(asked(targets, SAMPLED))
+    for name, value in reached.items():
+        assert result[f"bond_graph/margins/{name}"].data[0] == pytest.approx(value, rel=1e-9)
+    assert result.value("bond_graph/system/stable")
+    assert "bond_graph/design/frequency_response/omega" not in result
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("method: backward", "method: zoh", "a controller of 'method: zoh' is not designed"),
+        ("computation: 0.05", "computation: kp/20", "a sample time that depends on a free parameter"),
+        ("sample: 0.2, computation: 0.05, method: backward", "delay: 0.1", "around delays or lines"),
+        (
+            "TARGETS",
+            "{pole: 1}",
+            "only margins (phase_margin, gain_margin, Ms, Mt) are designed with sampled",
+        ),
+    ],
+)
+def test_what_is_not_designed_of_sampled_loops_is_refused(old, new, message):
+    with pytest.raises((SceneError, UsageError)) as raised:
+        dynid.run(asked("{phase_margin: 60}", SAMPLED.replace(old, new)))
+    assert message in str(raised.value)

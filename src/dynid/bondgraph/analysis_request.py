@@ -97,7 +97,7 @@ WITH_LINES: frozenset[ResultName] = frozenset(
     {"transfer_function", "zeros", "poles", "properties", "step_info", "frequency_response", "time_response"}
 )
 #: Results of graphs with sampled loops and lines.
-SAMPLED_LINES: frozenset[ResultName] = frozenset({"properties", "time_response"})
+SAMPLED_LINES: frozenset[ResultName] = SAMPLED & WITH_LINES
 #: Results that the symbolic engine has no numbers for.
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
 
@@ -169,6 +169,10 @@ class Analysis:
         """The loops of a graph whose controllers are sampled; None of others."""
         if all(loop.sampling is None for loop in self.loops):
             return None
+        if any(loop.delayed for loop in self.loops):
+            from dynid.bondgraph.sampled_delays import SampledLoopsWithDelays
+
+            return SampledLoopsWithDelays(self.opened_as_read, self.loops)
         from dynid.bondgraph.sampled_loops import SampledLoops
 
         return SampledLoops(self.opened_as_read, self.loops)

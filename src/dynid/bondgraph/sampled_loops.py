@@ -1,18 +1,16 @@
-"""Sampled controllers around a graph: the exact equations from sample to sample, their verdict and margins.
+"""Sampled controllers around a graph: their verdict and margins.
 
-Every loop measures at the instants k T, before what is held changes, and holds its answer (zero-order hold)
-from its computation time c = l T + ε on, so that over a period the held input is first u[k-l-1], for ε, and
-then u[k-l] (the modified z-transform, exactly). With x of the graph, the answers under way and the states of
-the controllers, the closed loops are a matrix M of matrix exponentials: balls of as many bits as the verdict
-takes. Loop i, the others closed, has 1 + L_i = det(z - M)/det(z - M, loop i cut). On the plane of s with
-z = (1 + s T/2)/(1 - s T/2) the unit circle is the axis s = j (2/T) tan(ω T/2), and the margins are those of a
-rational function.
+From sample to sample the closed loops are a matrix M (`lti/sampled_equations.py`), of balls of as many bits
+as the verdict takes. Loop i, the others closed, has 1 + L_i = det(z - M)/det(z - M, loop i cut). On the plane
+of s with z = (1 + s T/2)/(1 - s T/2) the unit circle is the axis s = j (2/T) tan(ω T/2), and the margins are
+those of a rational function. Loops that are not sampled belong to the graph; for those with delays, and
+lines, see `sampled_delays.py`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
@@ -24,25 +22,31 @@ from numpy.typing import NDArray
 
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import rounded as rounded_number
+from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.controller_circuits import Loop, Sampling, close_loops
-from dynid.bondgraph.cut_loops import CutLoops
+from dynid.bondgraph.cut_loops import CutLoops, in_proportion
 from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.graph_state_space import rational_matrices
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.defaults import ANSWERS_UNDER_WAY
 from dynid.errors import UsageError
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots, repeated
-from dynid.lti.discrete_controller import DiscreteController, Rows, as_fmpq, discrete_controller
+from dynid.lti.discrete_controller import DiscreteController, as_fmpq, discrete_controller
 from dynid.lti.margins import Margins, gain_crossings, margins
 from dynid.lti.minimal_realisation import ExactSystem, minimal
+from dynid.lti.quasi_polynomials import QuasiPolynomial, on_axis
+from dynid.lti.sampled_equations import DOUBLE_BITS, SampledEquations
 from dynid.lti.sampled_system import SampledController
 from dynid.lti.schur_cohn import roots_inside
 from dynid.lti.stability import Verdict, combined
 from dynid.number_format import counted
 
-#: Bits of the first trial of a verdict and of the last one; bits that open loops are computed with and
-#: rounded to (the difference is for cancellation); bits of a radius in double precision.
-_FIRST_BITS, _LAST_BITS, _LOOP_BITS, _KEPT_BITS, _RADIUS_BITS = 128, 4096, 768, 256, 64
+#: Bits of the first trial of a verdict and of the last one, and their ratio from one to the next.
+_FIRST_BITS, _LAST_BITS, _BITS_RATIO = 64, 1024, 4
+#: Bits that the coefficients of an open loop are rounded to, more of each degree, as the roots of
+#: polynomials lose some; of those from which crossings alone are taken; and how many times as many they are
+#: computed with, as they are differences of determinants.
+_KEPT_BITS, _KEPT_BY_DEGREE, _CROSSING_BITS, _CANCELLED = 128, 4, 80, 3
 #: Trials of a sample time: their ratio, and that of the last one to the scene's; rests of a period at which
 #: |L| is tried.
 _TRIAL_RATIO, _TRIED_SPAN, _TRIED_RESTS = 1.125, 1e3, 4
@@ -52,8 +56,6 @@ _LIMIT_RTOL, _MOST_SECANTS = 1e-12, 100
 _CIRCLE = 1e-12
 #: A gain without structure: no mode that a loop moves stays where it is.
 _GENERIC_GAIN = Fraction(104729, 7919)
-#: Why the verdict on sampled loops around lines is open.
-_LINES = "with a line (TL) between samples there is no finite polynomial in z; see the time response"
 #: Relative distance of e^(λT) of two natural modes below which sampling nearly confuses them.
 _CONFUSED = 1e-3
 
@@ -82,47 +84,55 @@ def cut_graph(opened: BondGraph, loops: Sequence[Loop], lines: Sequence[Loop] = 
 
 
 class SampledLoops:
-    """The sampled loops of a graph, all with one period.
+    """The sampled loops of a graph, all with one period; loops without `sampling` belong to the graph.
 
     Raises `Singular` where the graph without feedback has no unique solution. Raises `UsageError` where what
     is measured has no value at an instant, or a controller has no discrete form.
     """
 
+    refusal = ""  #: Why there is neither a verdict nor a margin.
+
     def __init__(self, opened: BondGraph, loops: Sequence[Loop]) -> None:
-        self.opened, self.loops = opened, tuple(loop for loop in loops if not loop.line)
-        self.lines, loops = [loop for loop in loops if loop.line], self.loops
-        self._timing = [loop.sampling or Sampling(Fraction(0)) for loop in loops]
+        self.opened = opened
+        self.continuous = [loop for loop in loops if loop.sampling is None]
+        self.loops = tuple(loop for loop in loops if loop.sampling is not None)
+        self._timing = [loop.sampling or Sampling(Fraction(0)) for loop in self.loops]
         self.period = _exact(self._timing[0].period)
         self.computations = tuple(_exact(timing.computation) for timing in self._timing)
         self._quotients = [
-            ([*map(_exact, loop.numerator)], [*map(_exact, loop.denominator)]) for loop in loops
+            ([*map(_exact, loop.numerator)], [*map(_exact, loop.denominator)]) for loop in self.loops
         ]
-        if self.lines:
-            return
+        #: Delays in the graph, of lines and continuous loops, s.
+        self.delays = tuple(in_proportion([_exact(loop.delay) for loop in self.continuous if loop.delayed]))
         generic = [
             replace(loop, numerator=[_GENERIC_GAIN], denominator=[Fraction(1)], sampling=None)
-            for loop in loops
+            for loop in self.loops
         ]
-        self._generic = CutLoops(opened, generic)
-        cut = cut_graph(_rational(opened), loops)
-        reduced = ReducedGraph(
-            cut.graph, list(dict.fromkeys(cut.held)), [*dict.fromkeys(cut.answered)], traced=False
-        )
-        exact = rational_matrices(reduced, (), cut.held)
-        rows = [list(reduced.outputs).index(port) for port in cut.answered]
+        self._generic = CutLoops(opened, [*generic, *self.continuous])
+        self.plant = self._plant()
+        self._equations = SampledEquations(self.plant, self.controllers)
+        self.controllers(self.period)  # raises
+
+    def _plant(self) -> ExactSystem:
+        """Return the graph between what is held, and arrives by delays, and what is measured, and leaves."""
+        cut = cut_graph(_rational(self.opened), self.loops, self.continuous)
+        columns = [*cut.held, *(source for source, _ in cut.delayed)]
+        ports = [*cut.answered, *(port for _, port in cut.delayed)]
+        reduced = ReducedGraph(cut.graph, list(dict.fromkeys(columns)), [*dict.fromkeys(ports)], traced=False)
+        exact = rational_matrices(reduced, (), columns)
+        rows = [list(reduced.outputs).index(port) for port in ports]
         direct, *higher = ([matrix.tolist()[row] for row in rows] for matrix in exact.feedthrough)
-        for loop, *rates in zip(loops, *higher, strict=True):
+        names = [loop.place for loop in self.loops]
+        for k, rates in enumerate(zip(*higher, strict=True)):
             if any(map(any, rates)):
+                measured = f"'{self.loops[k].measured}'" if k < len(names) else "what passes through a delay"
                 raise UsageError(
-                    f"'{loop.measured}' follows the rate of what a sampled controller holds, which jumps",
+                    f"{measured} follows the rate of what a sampled controller holds, which jumps",
                     remedy="Measure another variable, or model the inertia or compliance that is left out.",
-                    names=[loop.place],
+                    names=names[k : k + 1] or names,
                 )
         states = exact.C.tolist()
-        self.plant = minimal(
-            ExactSystem(exact.A.tolist(), exact.B.tolist(), [states[row] for row in rows], direct)
-        )
-        self.controllers(self.period)  # raises
+        return minimal(ExactSystem(exact.A.tolist(), exact.B.tolist(), [states[row] for row in rows], direct))
 
     def controllers(self, period: Fraction) -> list[DiscreteController]:
         """Return the controllers, made discrete for a period, s, in balls of the working precision."""
@@ -135,7 +145,7 @@ class SampledLoops:
         """Return the controllers in doubles."""
         from flint import ctx
 
-        with ctx.workprec(_RADIUS_BITS):
+        with ctx.workprec(DOUBLE_BITS):
             exact = self.controllers(self.period)
 
         def array(values: Any) -> NDArray[np.float64]:
@@ -148,104 +158,37 @@ class SampledLoops:
             for (F, g, h, d), computation in zip(exact, self.computations, strict=True)
         )
 
-    def matrix(
-        self, period: Fraction, computations: Sequence[Fraction], closed: Collection[int], bits: int
-    ) -> Any:
-        """Return the matrix of the states from one sample to the next (flint `arb_mat`)."""
-        from flint import arb_mat, ctx
+    def answers(self) -> Callable[[ComplexArray], ComplexArray]:
+        """Return what the closed loops hold in answer to what is added to measurements, by z."""
+        M, B, C, D = self._equations.answers(self.period, self.computations)
 
-        with ctx.workprec(bits):
-            rows, size = self._equations(period, computations, closed, bits)
-            return arb_mat([row[:size] for row in rows[:size]])
+        def evaluate(z: ComplexArray) -> ComplexArray:
+            resolvents = z[:, None, None] * np.eye(len(M)) - M
+            return np.asarray(C @ np.linalg.solve(resolvents, np.broadcast_to(B, (len(z), *B.shape))) + D)
 
-    def answers(self) -> tuple[NDArray[np.float64], ...]:
-        """Return M, B, C and D of what the closed loops answer to sequences added to measurements."""
-        rows, n = self._equations(self.period, self.computations, range(len(self.loops)), _RADIUS_BITS)
-        values = np.array([[float(entry) for entry in row] for row in rows])
-        return values[:n, :n], values[:n, n:], values[n:, :n], values[n:, n:]
-
-    def _equations(
-        self, period: Fraction, computations: Sequence[Fraction], closed: Collection[int], bits: int
-    ) -> tuple[Rows, int]:
-        """Return rows of the next states and of the answers, over states and what is added to measurements.
-
-        The second value is the number of states.
-        """
-        from flint import arb, ctx
-
-        with ctx.workprec(bits):
-            controllers = self.controllers(period)
-            steps = [int(delay // period) for delay in computations]
-            rests = [delay - step * period for delay, step in zip(computations, steps, strict=True)]
-            Phi, newest, before = _held(self.plant, period, rests)
-            C, D = ([[arb(entry) for entry in row] for row in rows] for rows in (self.plant.C, self.plant.D))
-            n, zero, one = len(Phi), arb(0), arb(1)
-            depths = [
-                step + bool(rest or any(row[j] for row in self.plant.D))
-                for j, (step, rest) in enumerate(zip(steps, rests, strict=True))
-            ]
-            first = n + np.concatenate([[0], np.cumsum(depths)])
-            states = first[-1] + np.concatenate([[0], np.cumsum([len(c.h) for c in controllers])])
-            size = int(states[-1])
-            total = size + len(controllers)
-            matrix = [[zero] * total for _ in range(total)]
-
-            def add(row: list[Any], addend: Iterable[tuple[int, Any]], factor: Any = one) -> None:
-                for column, value in addend:
-                    row[column] += factor * value
-
-            measured = []
-            for j in range(len(controllers)):
-                late = [(int(first[i]) + steps[i], value) for i, value in enumerate(D[j]) if value != 0]
-                now = [(i, value) for i, value in enumerate(C[j]) if value != 0]
-                measured.append([*now, *late, (size + j, one)])
-            for j, controller in enumerate(controllers):
-                row = matrix[size + j]
-                if j in closed:
-                    add(row, ((int(states[j]) + i, value) for i, value in enumerate(controller.h)), -one)
-                    add(row, measured[j], -controller.d)
-                answer = [(column, value) for column, value in enumerate(row) if value != 0]
-                held = [answer, *([(int(first[j]) + k, one)] for k in range(depths[j]))]
-                for i in range(n):
-                    add(matrix[i], held[steps[j]], newest[i][j])
-                    if rests[j]:
-                        add(matrix[i], held[steps[j] + 1], before[i][j])
-                for k in range(depths[j]):
-                    add(matrix[int(first[j]) + k], held[k])
-                for i, (weights, gain) in enumerate(zip(controller.F, controller.g, strict=True)):
-                    state = matrix[int(states[j]) + i]
-                    add(state, ((int(states[j]) + k, value) for k, value in enumerate(weights)))
-                    add(state, measured[j], gain)
-            for i, weights in enumerate(Phi):
-                add(matrix[i], enumerate(weights))
-            return matrix, size
+        return evaluate
 
     # Verdicts
 
     @cached_property
     def verdict(self) -> Verdict:
         """The verdict on loops, controllers and every separate part of the graph."""
-        if self.lines:
-            return Verdict("undecided", _LINES, math.nan)
         return combined([self._shown, *self._generic.unseen()])
 
     @cached_property
     def _shown(self) -> Verdict:
         """The verdict on what the loops move, by Schur-Cohn in balls of as many bits as it takes."""
         outside = self.poles_outside(self.period, self.computations)
-        sizes = sorted(np.abs(repeated(self.poles)).tolist(), reverse=True)
         if outside is None:
             nearest = min(self.poles, key=lambda pole: abs(abs(pole.value) - 1))
             if abs(abs(nearest.value) - 1) < _CIRCLE:
                 place = f"{complex(nearest.value):.6g}".replace("+0j", "").replace("-0j", "")
                 reason = f"a discrete pole lies on the unit circle at z = {place} within 2^-{_LAST_BITS}"
                 return Verdict("at the limit", reason, math.nan)
-            outside = sum(size > 1 for size in sizes)  # of reciprocal poles the recursion ends
+            outside = int((np.abs(repeated(self.poles)) > 1).sum())  # of reciprocal poles the recursion ends
         if not outside:
             return Verdict("stable", "", 0)
-        verb = f"{counted(outside, 'discrete pole')} {'lies' if outside == 1 else 'lie'}"
-        reason = f"{verb} outside the unit circle, the largest with |z| = {sizes[0]:.6g}"
-        return Verdict("unstable", reason, outside)
+        return outside_verdict(outside, self._radius(self.period, self.computations))
 
     def poles_outside(self, period: Fraction, computations: Sequence[Fraction]) -> int | None:
         """Return the number of discrete poles outside the unit circle; None where it is not decided."""
@@ -254,29 +197,28 @@ class SampledLoops:
         bits = _FIRST_BITS
         while bits <= _LAST_BITS:
             with ctx.workprec(bits):
-                matrix = self.matrix(period, computations, range(len(self.loops)), bits)
+                matrix = self._equations.matrix(period, computations, range(len(self.loops)), bits)
                 inside = roots_inside(matrix.charpoly().coeffs())
             if inside is not None:
                 return int(matrix.nrows()) - inside
-            bits *= 2
+            bits *= _BITS_RATIO
         return None
 
     @cached_property
     def poles(self) -> Sequence[CertifiedRoot]:
         """The discrete poles of the closed loops, in the plane of z."""
-        closed = range(len(self.loops))
-        return certified_roots(_integers([self._characteristic(closed)])[0])
+        return certified_roots(
+            _integers([self._characteristics(0, self.computations, None)[0]], self._kept(None))[0]
+        )
 
-    def _characteristic(self, closed: Collection[int]) -> list[Any]:
-        """Return det(z - M) as balls, ascending."""
-        from flint import ctx
-
-        with ctx.workprec(_LOOP_BITS):
-            return list(self.matrix(self.period, self.computations, closed, _LOOP_BITS).charpoly().coeffs())
+    @property
+    def listed_poles(self) -> ComplexArray:
+        """The discrete poles that are listed, with their multiplicities."""
+        return repeated(self.poles)
 
     def _radius(self, period: Fraction, computations: Sequence[Fraction]) -> float:
         """Return the largest |z| of the discrete poles in double precision; inf where it overflows."""
-        matrix = self.matrix(period, computations, range(len(self.loops)), _RADIUS_BITS)
+        matrix = self._equations.matrix(period, computations, range(len(self.loops)), DOUBLE_BITS)
         entries = np.array([[float(entry) for entry in row] for row in matrix.tolist()])
         if not np.isfinite(entries).all():
             return math.inf
@@ -305,23 +247,50 @@ class SampledLoops:
 
     # Margins
 
+    def _characteristics(
+        self, number: int, computations: Sequence[Fraction], kept: int | None
+    ) -> tuple[list[Any], list[Any]]:
+        """Return det(z - M) of all loops, and with a loop cut, as balls, ascending; `kept`: their bits."""
+        from flint import ctx
+
+        every, bits = range(len(self.loops)), _CANCELLED * self._kept(kept)
+        with ctx.workprec(bits):
+            closed, cut = (
+                list(self._equations.matrix(self.period, computations, loops, bits).charpoly().coeffs())
+                for loops in (every, [loop for loop in every if loop != number])
+            )
+        return closed, cut
+
+    def _kept(self, kept: int | None) -> int:
+        return kept or _KEPT_BITS + _KEPT_BY_DEGREE * len(self.plant.A)
+
+    def loop_in_z(self, number: int) -> tuple[Any, Any]:
+        """Return L of a loop, the others closed, on z (flint `fmpz_poly`)."""
+        return self._loop(number, self.computations, in_z=True)
+
     def loop(self, number: int) -> tuple[Any, Any]:
         """Return L of a loop, the others closed, on s of z = (1 + s T/2)/(1 - s T/2) (flint `fmpz_poly`)."""
         return self._loop(number, self.computations)
 
-    def _loop(self, number: int, computations: Sequence[Fraction]) -> tuple[Any, Any]:
+    def _loop(
+        self, number: int, computations: Sequence[Fraction], kept: int | None = None, *, in_z: bool = False
+    ) -> tuple[Any, Any]:
         from flint import ctx
 
-        every = range(len(self.loops))
-        with ctx.workprec(_LOOP_BITS):
-            closed, cut = (
-                self.matrix(self.period, computations, kept, _LOOP_BITS).charpoly().coeffs()
-                for kept in (every, [loop for loop in every if loop != number])
-            )
-            above = [a - b for a, b in zip(closed, cut, strict=True)]
-            top, bottom = _integers([_bilinear(p, self.period / 2) for p in (above, cut)])
+        closed, cut = self._characteristics(number, computations, kept)
+        with ctx.workprec(_CANCELLED * self._kept(kept)):
+            polynomials = [[a - b for a, b in zip(closed, cut, strict=True)], cut]
+            if not in_z:
+                polynomials = [_bilinear(p, self.period / 2) for p in polynomials]
+            top, bottom = _integers(polynomials, self._kept(kept))
         shared = top.gcd(bottom)
         return (top // shared, bottom // shared) if top != 0 else (top, 0 * top + 1)
+
+    def gain(self, number: int, omega: Array) -> ComplexArray:
+        """Return L of a loop, the others closed, at frequencies, rad/s."""
+        half = float(self.period) / 2
+        top, bottom = (QuasiPolynomial({Fraction(0): polynomial}) for polynomial in self.loop(number))
+        return np.asarray(on_axis(top, bottom, (np.tan(omega * half) / half).tolist()))
 
     def frequency(self, tangent: float) -> float:
         """Return ω of (2/T) tan(ω T/2), rad/s; that of infinity is the Nyquist frequency."""
@@ -331,6 +300,21 @@ class SampledLoops:
     def margins(self, number: int) -> Margins:
         """Return the margins of a loop, the others closed."""
         plain, at = margins(*self.loop(number)), self.frequency
+        return self._judged(
+            number,
+            replace(
+                plain,
+                gain_crossover=at(plain.gain_crossover) if math.isfinite(plain.phase) else math.inf,
+                phase_crossover=at(plain.phase_crossover)
+                if math.isfinite(plain.gain) or plain.gain_reduction
+                else math.inf,
+                modulus_at=at(plain.modulus_at),
+                Mt_at=at(plain.Mt_at),
+            ),
+        )
+
+    def _judged(self, number: int, plain: Margins) -> Margins:
+        """Return margins with the verdict on all loops and the delay margin."""
         return replace(
             plain,
             stable=self.verdict.stable,
@@ -339,13 +323,12 @@ class SampledLoops:
             if math.isnan(self.verdict.unstable_poles)
             else self.verdict.unstable_poles,
             delay=self._delay_margin(number) if self.verdict.stable else math.nan,
-            gain_crossover=at(plain.gain_crossover) if math.isfinite(plain.phase) else math.inf,
-            phase_crossover=at(plain.phase_crossover)
-            if math.isfinite(plain.gain) or plain.gain_reduction
-            else math.inf,
-            modulus_at=at(plain.modulus_at),
-            Mt_at=at(plain.Mt_at),
         )
+
+    def crossings(self, number: int, computations: Sequence[Fraction]) -> list[tuple[float, float]]:
+        """Return the phase lags, degrees, that turn L to -1 where |L| = 1, with ω, rad/s."""
+        lags = gain_crossings(*self._loop(number, computations, _CROSSING_BITS))
+        return [(lag, self.frequency(at)) for lag, at in lags]
 
     def _delay_margin(self, number: int) -> float:
         """Return the further computation time of a loop that makes it unstable, s.
@@ -358,8 +341,8 @@ class SampledLoops:
         def slack(rest: float) -> float:
             delays = list(self.computations)
             delays[number] += Fraction(rest)
-            lags = gain_crossings(*self._loop(number, delays))
-            return min((math.radians(lag) / self.frequency(at) for lag, at in lags), default=math.inf)
+            lags = self.crossings(number, delays)
+            return min((math.radians(lag) / at for lag, at in lags), default=math.inf)
 
         prompt = slack(0.0)
         if prompt == math.inf:
@@ -379,8 +362,6 @@ class SampledLoops:
 
         Sampling does not distinguish λ and μ = λ + 2πjk/T (Kalman, Ho & Narendra 1963).
         """
-        if self.lines:
-            return []
         A = np.array([[float(entry.p) / float(entry.q) for entry in row] for row in self.plant.A])
         values = np.linalg.eigvals(A) if len(A) else np.empty(0, complex)
         T = float(self.period)
@@ -390,6 +371,13 @@ class SampledLoops:
             for b in values[k + 1 :].tolist()
             if abs(a.imag - b.imag) * T > math.pi and abs(np.exp((a - b) * T) - 1) < _CONFUSED
         ]
+
+
+def outside_verdict(outside: int, largest: float) -> Verdict:
+    """Return the verdict on loops with discrete poles outside the unit circle, the largest of some |z|."""
+    verb = f"{counted(outside, 'discrete pole')} {'lies' if outside == 1 else 'lie'}"
+    reason = f"{verb} outside the unit circle, the largest with |z| = {largest:.6g}"
+    return Verdict("unstable", reason, outside)
 
 
 def _first_change(function: Callable[[float], float], trials: Iterable[float]) -> float:
@@ -437,35 +425,6 @@ def _rational(graph: BondGraph) -> BondGraph:
     return BondGraph(nodes, graph.bonds)
 
 
-def _held(plant: ExactSystem, period: Fraction, rests: Sequence[Fraction]) -> tuple[Rows, Rows, Rows]:
-    """Return e^(AT), and what an input held over the end of a period adds, and one held over its begin.
-
-    `rests`: by input how long the one before is held, s.
-    """
-    from flint import arb, arb_mat
-
-    n, inputs = len(plant.A), len(rests)
-
-    def exponential(columns: Sequence[int], time: Fraction) -> tuple[Any, Any]:
-        rows = [[*plant.A[i], *(plant.B[i][j] for j in columns)] for i in range(n)]
-        joint = [*rows, *([[0] * (n + len(columns))] * len(columns))]
-        E = (arb_mat([[arb(entry) for entry in row] for row in joint]) * arb(as_fmpq(time))).exp().tolist()
-        return arb_mat([row[:n] for row in E[:n]]), arb_mat([row[n:] for row in E[:n]])
-
-    if not n:
-        return [], [], []
-    Phi, gains = exponential(range(inputs), period)
-    newest, before = gains.tolist(), [[arb(0)] * inputs for _ in range(n)]
-    for j, rest in enumerate(rests):
-        if rest:
-            _, early = exponential([j], rest)
-            later, late = exponential([j], period - rest)
-            early = later * early
-            for i in range(n):
-                newest[i][j], before[i][j] = late[i, 0], early[i, 0]
-    return Phi.tolist(), newest, before
-
-
 def _bilinear(polynomial: Sequence[Any], half: Fraction) -> list[Any]:
     """Return p(z)(1 - half s)^n of z = (1 + half s)/(1 - half s) as balls, ascending."""
     from flint import arb, fmpz_poly
@@ -479,8 +438,8 @@ def _bilinear(polynomial: Sequence[Any], half: Fraction) -> list[Any]:
     return [value * arb(scale**k) for k, value in enumerate(sums)]
 
 
-def _integers(polynomials: Sequence[Sequence[Any]]) -> list[Any]:
-    """Return polynomials of balls rounded to integers (flint `fmpz_poly`), all times one number.
+def _integers(polynomials: Sequence[Sequence[Any]], kept: int) -> list[Any]:
+    """Return polynomials of balls, rounded, as integers (flint `fmpz_poly`), all times one number.
 
     A ball around zero is zero: poles at z = 1 (integrators) and z = 0 (answers under way) stay what they are.
     """
@@ -493,7 +452,7 @@ def _integers(polynomials: Sequence[Sequence[Any]]) -> list[Any]:
             mantissa, exponent = (
                 (int(part) for part in ball.mid().man_exp()) if not ball.contains(0) else (0, 0)
             )
-            surplus = max(mantissa.bit_length() - _KEPT_BITS, 0)
+            surplus = max(mantissa.bit_length() - kept, 0)
             mantissa, exponent = mantissa >> surplus, exponent + surplus
             exact.append(fmpq(mantissa << max(exponent, 0), 1 << max(-exponent, 0)))
         rounded.append(fmpq_poly(exact))

@@ -14,10 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arithmetic.ldl import reference
-from dynid.arithmetic.numbers import rounded as rounded_number
 from dynid.arrays import ComplexArray
-from dynid.bondgraph.cut_loops import in_proportion
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.graph_response import frequency_response
 from dynid.bondgraph.graph_state_space import state_space
@@ -42,16 +39,15 @@ def sampled_system(
 
     `initial`: storages with energy at t = 0, each with an input `initial:NAME` after those of the graph.
     """
-    cut = cut_graph(loops.opened, loops.loops, loops.lines)
+    cut = cut_graph(loops.opened, loops.loops, loops.continuous)
     shown, leaving = [*outputs, *cut.answered], [port for _, port in cut.delayed]
     rows, arriving = [*dict.fromkeys(shown), *leaving], [source for source, _ in cut.delayed]
     sources = list(dict.fromkeys([*inputs, *cut.held, *arriving]))
     reduced = ReducedGraph(cut.graph, sources, rows, traced=False)
     columns = [*inputs, *(f"initial:{name}" for name in initial), *cut.held, *arriving]
     lft = state_space(reduced, tuple(initial)).with_inputs(columns)
-    delays = tuple(in_proportion([rounded_number(reference(loop.delay)) for loop in loops.lines]))
-    plant = DelaySystem(lft, delays).with_outputs([rows.index(port) for port in shown])
-    return SampledSystem(plant.lft, delays, loops.float_controllers(), loops.period), reduced
+    plant = DelaySystem(lft, loops.delays).with_outputs([rows.index(port) for port in shown])
+    return SampledSystem(plant.lft, loops.delays, loops.float_controllers(), loops.period), reduced
 
 
 def sampled_steps(
@@ -63,7 +59,7 @@ def sampled_steps(
         return dict.fromkeys(channels, StepInfo(f"undefined: {NO_STEADY_STATE.format(loops.verdict.text)}"))
     system, _ = sampled_system(loops, inputs, outputs)
     finals = sampled_response(loops, inputs, outputs)(np.zeros(1))[0].real
-    largest = max((abs(pole.value) for pole in loops.poles), default=0.0)
+    largest = float(np.abs(loops.listed_poles).max(initial=0.0))
     slowest = math.log(max(largest, _FAST)) / float(loops.period)
     steps: dict[Channel, StepInfo] = {}
     for column, source in enumerate(inputs):
@@ -80,25 +76,32 @@ def sampled_response(
     Of angular frequencies in rad/s, it returns the response, shape (omega, output, input). Where the graph
     without its loops has a pole on the axis, the response is the mean of that on a circle around it (Cauchy).
     """
-    cut = cut_graph(loops.opened, loops.loops)
-    columns = list(dict.fromkeys([*inputs, *cut.held]))
-    rows = list(dict.fromkeys([*outputs, *cut.answered]))
+    cut = cut_graph(loops.opened, loops.loops, loops.continuous)
+    arriving, leaving = [source for source, _ in cut.delayed], [port for _, port in cut.delayed]
+    columns = list(dict.fromkeys([*inputs, *cut.held, *arriving]))
+    rows = list(dict.fromkeys([*outputs, *cut.answered, *leaving]))
     reduced = ReducedGraph(cut.graph, columns, rows, traced=False)
+    late_rows = [rows.index(port) for port in leaving]
+    late_columns = [columns.index(name) for name in arriving]
+    inner_delays = np.array([float(delay) for delay in loops.delays])
     shown, measured = ([rows.index(port) for port in ports] for ports in (outputs, cut.answered))
     driven, held = ([columns.index(name) for name in names] for names in (inputs, cut.held))
-    M, B, C, D = loops.answers()
+    answers = loops.answers()
     period, delays = float(loops.period), np.array([float(delay) for delay in loops.computations])
 
     def closed(s: ComplexArray, graph: ComplexArray) -> ComplexArray:
-        """Return the response from that of the graph with its loops cut."""
-        z = np.exp(s * period)[:, None, None]
-        answers = C @ np.linalg.solve(z * np.eye(len(M)) - M, np.broadcast_to(B, (len(s), *B.shape))) + D
+        """Return the response from that of the graph with its loops and delays cut."""
+        if late_rows:
+            late = graph[:, :, late_columns] * np.exp(-s[:, None, None] * inner_delays)
+            back = np.eye(len(late_rows)) - late[:, late_rows]
+            with np.errstate(invalid="ignore"):
+                graph = graph + late @ np.linalg.solve(back, graph[:, late_rows])
         rate = np.where(s == 0, 1.0, s)
         hold = np.where(s == 0, 1.0, -np.expm1(-s * period) / (rate * period))
         holds = hold[:, None] * np.exp(-s[:, None] * delays)
         with np.errstate(invalid="ignore"):
             fed = graph[:, shown][:, :, held] * holds[:, None, :]
-            back = fed @ answers @ graph[:, measured][:, :, driven]
+            back = fed @ answers(np.exp(s * period)) @ graph[:, measured][:, :, driven]
             return np.asarray(graph[:, shown][:, :, driven] + back)
 
     def evaluate(omega: NDArray[np.float64]) -> ComplexArray:
@@ -109,7 +112,7 @@ def sampled_response(
 
     def around(s: complex) -> ComplexArray:
         system = state_space(reduced)
-        poles = np.linalg.eigvals(M)
+        poles = loops.listed_poles
         apart = np.abs(np.log(poles[poles != 0] * np.exp(-s * period)) / period)
         radius = _CIRCLE_RADIUS * min(float(apart.min(initial=np.inf)), 1 / period)
         points = s + radius * np.exp(2j * np.pi * (np.arange(_CIRCLE_POINTS) + 0.5) / _CIRCLE_POINTS)

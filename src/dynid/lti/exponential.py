@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
 
 _TAYLOR_DEGREE = 16
@@ -54,6 +54,23 @@ def exponential_with_derivatives(A: Array, dA: Array, h: float) -> tuple[Array, 
     if not np.isfinite(D).all():
         raise NumericalError("a matrix exponential overflows", remedy="Shorten the time span.")
     return D[0], D[1:]
+
+
+def exponentials(matrices: ComplexArray) -> ComplexArray:
+    """Return exp of each of a stack of matrices, all scaled and squared alike."""
+    norm = float(np.abs(matrices).sum(axis=-2).max(initial=0.0))
+    squarings = max(0, math.ceil(math.log2(norm / _LARGEST_NORM))) if norm > 0 else 0
+    A, unity = matrices * 0.5**squarings, np.eye(matrices.shape[-1])
+    powers = [unity, A, A @ A]
+    powers.append(powers[2] @ A)
+    fourth = powers[2] @ powers[2]
+    blocks = [sum(c * X for c, X in zip(row, powers, strict=True)) for row in _BLOCKS.tolist()]
+    D = blocks[3] + _COEFFICIENTS[_TAYLOR_DEGREE] * fourth
+    for block in blocks[2::-1]:
+        D = D @ fourth + block
+    for _ in range(squarings):
+        D = D @ D + 2 * D
+    return np.asarray(D + unity)
 
 
 def exponential(A: Array, h: float) -> Array:

@@ -7,7 +7,7 @@ Values are enclosed by ball arithmetic; single roots are refined by Newton's met
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -23,6 +23,8 @@ _MAX_PHASE_POINTS, _PHASE_HALVINGS = 20_000, 30
 PRECISION = 160
 #: Relative size of a step that ends Newton's method.
 _NEWTON_STEP_RTOL = 2.0**-120
+#: Steps of Newton's method in doubles, and the last one relative to a root that it has reached.
+_POLISHING_STEPS, _POLISHED_RTOL = 25, 1e-8
 #: Bits of a value that is exact to double precision.
 _DOUBLE_ACCURACY_BITS = 60
 
@@ -250,6 +252,36 @@ def refined_root(function: QuasiPolynomial, start: complex) -> RefinedRoot | Non
                     return RefinedRoot(root, math.nextafter(math.sqrt(2) * radius, math.inf))
             radius *= 4
     return None
+
+
+def polished_roots(
+    functions: Sequence[QuasiPolynomial], factors: Sequence[float], starts: Sequence[complex]
+) -> list[complex]:
+    """Return the roots of a sum of functions times factors to which Newton's method leads, in doubles."""
+    weights = [
+        (float(delay), np.array([int(c) / scale for c in reversed(polynomial.coeffs())]) * factor)
+        for scale in [max(abs(int(c)) for f in functions for p in f.terms.values() for c in p.coeffs())]
+        for function, factor in zip(functions, factors, strict=True)
+        for delay, polynomial in function.terms.items()
+    ]
+    s = np.array([start for start in starts if start.imag >= 0], complex)
+    step = np.full(len(s), np.inf, complex)
+    with np.errstate(all="ignore"):
+        for _ in range(_POLISHING_STEPS):
+            value, slope = np.zeros(len(s), complex), np.zeros(len(s), complex)
+            for delay, coefficients in weights:
+                factor, at = np.exp(-delay * s), np.polyval(coefficients, s)
+                value += factor * at
+                slope += factor * (np.polyval(np.polyder(coefficients), s) - delay * at)
+            step = np.where(value == 0, 0, value / slope)
+            s = s - step
+    roots: list[complex] = []
+    reached = s[np.abs(step) <= _POLISHED_RTOL * np.abs(s)]
+    real = np.abs(reached.imag) <= _POLISHED_RTOL * np.abs(reached)
+    for root in np.where(real, reached.real, reached.real + 1j * np.abs(reached.imag)).tolist():
+        if all(abs(root - other) > _POLISHED_RTOL * abs(root) for other in roots):
+            roots += [root, root.conjugate()] if root.imag else [root]
+    return roots
 
 
 # --- values ----------------------------------------------------------------------------------------

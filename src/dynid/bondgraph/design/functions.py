@@ -268,7 +268,7 @@ class DesignFunctions:
         loops = self._loops.at(dict(zip(self._names, values.tolist(), strict=True)))
         reached: list[Reached | None] = []
         for target in targets:
-            margin = loops.margin(target)
+            margin = self._loops.margin(loops, target)
             if margin is None:
                 reached.append(None)
                 continue

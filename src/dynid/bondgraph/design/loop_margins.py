@@ -21,7 +21,7 @@ from dynid.arithmetic.dependent import Dependent
 from dynid.arithmetic.ldl import reference
 from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.controller_circuits import Loop, close_loops
-from dynid.bondgraph.design.design_request import LoopTarget
+from dynid.bondgraph.design.design_request import LoopKind, LoopTarget
 from dynid.bondgraph.graph import BondGraph
 from dynid.bondgraph.parametric_equations import ParametricEquations
 from dynid.bondgraph.reduced_graph import ReducedGraph
@@ -38,7 +38,7 @@ _ORIGIN_RTOL = 1e-9
 _SAME_RTOL = 1e-6
 
 
-class _LoopValue(NamedTuple):
+class LoopValue(NamedTuple):
     """A margin, its derivatives (p), and the frequency where it is, rad/s."""
 
     value: float
@@ -50,7 +50,11 @@ class LoopMargins:
     """The margins of the loops of a graph at values of its free parameters."""
 
     def __init__(self, opened: BondGraph, loops: Sequence[Loop], names: Sequence[str]) -> None:
-        self._opened, self._loops = opened, list(loops)
+        self._opened, self._loops, self._names = opened, list(loops), tuple(names)
+        self._sampled = [k for k, loop in enumerate(loops) if loop.sampling is not None]
+        if self._sampled:
+            self._equations = self._between_samples()
+            return
         for loop in loops:
             if isinstance(loop.delay, Dependent) and loop.delay.names & {*names}:
                 raise UsageError(
@@ -64,14 +68,44 @@ class LoopMargins:
         reduced = ReducedGraph(closed.graph, [source for source, _ in closed.delayed], answers, traced=False)
         self._equations = ParametricEquations(reduced, names)
 
+    def _between_samples(self) -> ParametricEquations:
+        """Return the equations of the graph that is driven by what sampled loops hold."""
+        from dynid.bondgraph.design.sampled_margins import refuse_sampling
+        from dynid.bondgraph.sampled_loops import cut_graph
+
+        refuse_sampling(self._loops, self._names)
+        sampled = [self._loops[k] for k in self._sampled]
+        cut = cut_graph(self._opened, sampled, [loop for loop in self._loops if loop.sampling is None])
+        return ParametricEquations(ReducedGraph(cut.graph, cut.held, cut.answered, traced=False), self._names)
+
     @property
     def reached(self) -> frozenset[str]:
         """The free parameters that the loops depend on."""
-        return self._equations.reached
+        coefficients = chain.from_iterable((*loop.numerator, *loop.denominator) for loop in self._loops)
+        direct = (c.names for c in coefficients if isinstance(c, Dependent))
+        return self._equations.reached.union(*direct) & {*self._names}
 
-    def at(self, values: Mapping[str, float]) -> _Loops:
+    def at(self, values: Mapping[str, float]) -> LoopGains:
         """Return the loops at values of the free parameters."""
-        return _Loops(self._equations.at(values), self._delays)
+        matrices = self._equations.at(values)
+        if not self._sampled:
+            return LoopGains(matrices, self._delays)
+        from dynid.bondgraph.design.sampled_margins import SampledGains
+
+        sampled = [self._loops[k] for k in self._sampled]
+        return SampledGains(matrices, sampled, values, self._names)
+
+    def margin(self, loops: LoopGains, target: LoopTarget) -> LoopValue | None:
+        """Return a margin; None where there is none, or the closed loops are not stable."""
+        if not self._sampled:
+            return loops.margin(target.kind, target.loop)
+        if target.loop not in self._sampled:
+            raise UsageError(
+                f"the loop {target.name} is continuous beside sampled ones, and its margins are not computed",
+                remedy="Take the margin of a sampled loop.",
+                names=["design.targets"],
+            )
+        return loops.margin(target.kind, self._sampled.index(target.loop))
 
     def verified(
         self, targets: Sequence[LoopTarget], reached: Sequence[float], values: Mapping[str, float]
@@ -95,39 +129,58 @@ class LoopMargins:
             )
             for loop in self._loops
         ]
-        cut = CutLoops(BondGraph(nodes, self._opened.bonds), loops)
-        if not cut.verdict().stable:
+        graph = BondGraph(nodes, self._opened.bonds)
+        if self._sampled:
+            from dynid.bondgraph.sampled_loops import SampledLoops
+
+            sampled = SampledLoops(graph, loops)
+            verdict = sampled.verdict
+        else:
+            cut = CutLoops(graph, loops)
+            verdict = cut.verdict()
+        if not verdict.stable:
             return False
         for target, value in zip(targets, reached, strict=True):
-            margins = cut.margins(*cut.loop(target.loop))
+            if self._sampled:
+                margins = sampled.margins(self._sampled.index(target.loop))
+            else:
+                margins = cut.margins(*cut.loop(target.loop))
             exact = float(getattr(margins, target.margin))
             if not abs(exact - value) <= _SAME_RTOL * abs(value):
                 return False
         return True
 
 
-class _Loops:
+class LoopGains:
     """The loops at some values of the free parameters."""
+
+    #: Frequencies of the grid, and its range beyond the poles and delays; relative real parts of poles on the
+    #: axis.
+    points, range_factor, origin_rtol = _POINTS, _RANGE_FACTOR, _ORIGIN_RTOL
 
     def __init__(self, matrices: Sequence[Array], delays: Array) -> None:
         self._A, self._B, self._C, self._D, *self._slopes = matrices
         self._delays = delays
 
-    def margin(self, target: LoopTarget) -> _LoopValue | None:
+    def margin(self, kind: LoopKind, loop: int) -> LoopValue | None:
         """Return a margin; None where there is none, or the closed loops are not stable."""
+        grid = self._grid()
+        if not self._stable(grid):
+            return None
+        find: Callable[[int, Array], list[LoopValue]] = {
+            "phase_margin": self._phases, "gain_margin": self._gains, "Ms": self._peaks, "Mt": self._peaks
+        }[kind]  # fmt: skip
+        self._complementary = kind == "Mt"
+        candidates = find(loop, grid)
+        pick = max if kind in ("Ms", "Mt") else min
+        return pick(candidates, key=lambda candidate: candidate.value, default=None)
+
+    def _grid(self) -> Array:
+        """Return frequencies, rad/s, around the poles and delays."""
         sizes = np.concatenate([np.abs(np.linalg.eigvals(self._A)), 1 / self._delays[self._delays > 0]])
         sizes = sizes[sizes > 1e-9 * sizes.max(initial=0.0)]
         low, high = (sizes.min(), sizes.max()) if len(sizes) else (1.0, 1.0)
-        grid = np.geomspace(low / _RANGE_FACTOR, high * _RANGE_FACTOR, _POINTS)
-        if not self._stable(grid):
-            return None
-        find: Callable[[int, Array], list[_LoopValue]] = {
-            "phase_margin": self._phases, "gain_margin": self._gains, "Ms": self._peaks, "Mt": self._peaks
-        }[target.kind]  # fmt: skip
-        self._complementary = target.kind == "Mt"
-        candidates = find(target.loop, grid)
-        pick = max if target.kind in ("Ms", "Mt") else min
-        return pick(candidates, key=lambda candidate: candidate.value, default=None)
+        return np.geomspace(low / self.range_factor, high * self.range_factor, self.points)
 
     # --- L and its derivatives ------------------------------------------------------------------------
 
@@ -137,9 +190,12 @@ class _Loops:
         values = np.linalg.det(np.eye(G.shape[1]) - G * E[:, None, :])
         turns = float(np.sum(np.angle(values[1:] / values[:-1]))) / math.pi
         at_origin = -round(math.log(abs(values[1] / values[0])) / math.log(grid[1] / grid[0]))
+        return round(self._right() + at_origin / 2 - turns) == 0
+
+    def _right(self) -> int:
+        """Return the number of poles of the open loops in the right half-plane."""
         poles = np.linalg.eigvals(self._A)
-        right = int((poles.real > _ORIGIN_RTOL * np.abs(poles).max(initial=0.0)).sum())
-        return round(right + at_origin / 2 - turns) == 0
+        return int((poles.real > self.origin_rtol * np.abs(poles).max(initial=0.0)).sum())
 
     def _cut(self, omega: Array) -> tuple[ComplexArray, ComplexArray]:
         """Return G and the delays E at frequencies (L x loops x loops, L x loops)."""
@@ -159,8 +215,8 @@ class _Loops:
             H = H + np.sum(G[:, loop, others] * E[:, others] * inner, axis=1)
         return np.asarray(-E[:, loop] * H)
 
-    def _derivatives(self, loop: int, omega: float) -> tuple[complex, complex, ComplexArray]:
-        """Return L at a frequency, dL/dω, and dL by the parameters (p)."""
+    def _responses(self, omega: float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+        """Return G at a frequency, and its derivatives by ω and by the parameters (p x loops x loops)."""
         s, (A_slopes, B_slopes, C_slopes, D_slopes) = 1j * omega, self._slopes
         resolvent = np.linalg.inv(s * np.eye(len(self._A)) - self._A)
         X, Y = resolvent @ self._B, self._C @ resolvent
@@ -168,34 +224,39 @@ class _Loops:
         by_s = -Y @ X + sum((k * matrix * s ** (k - 1) for k, matrix in enumerate(self._D) if k), 0 * G)
         by_parameter = C_slopes @ X + Y @ A_slopes @ X + Y @ B_slopes
         by_parameter = by_parameter + sum(D_slopes[:, k] * s**k for k in range(len(self._D)))
-        E, others = np.exp(-s * self._delays), [k for k in range(len(G)) if k != loop]
+        return G, 1j * by_s, by_parameter
+
+    def _derivatives(self, loop: int, omega: float) -> tuple[complex, complex, ComplexArray]:
+        """Return L at a frequency, dL/dω, and dL by the parameters (p)."""
+        G, by_omega, by_parameter = self._responses(omega)
+        turns = -1j * self._delays  # of log E by ω
+        E, others = np.exp(turns * omega), [k for k in range(len(G)) if k != loop]
         left, right = np.zeros(len(G), complex), np.zeros(len(G), complex)
         left[loop] = right[loop] = 1.0
-        late = 0j  # what delays of the others add to dH/ds
+        late = 0j  # what delays of the others add to dH/dω
         if others:
             W = np.linalg.inv(np.eye(len(others)) - G[np.ix_(others, others)] * E[others])
             inner = W @ G[others, loop]
             right[others] = E[others] * inner
             left[others] = (G[loop, others] * E[others]) @ W
             into = G[loop, others] + left[others] @ G[np.ix_(others, others)]
-            late = into @ (-self._delays[others] * E[others] * inner)
+            late = into @ (turns[others] * E[others] * inner)
         H = G[loop] @ right
-        rate = left @ by_s @ right + late
-        L = -E[loop] * H
-        return L, 1j * (-E[loop] * (rate - self._delays[loop] * H)), -E[loop] * (left @ by_parameter @ right)
+        rate = left @ by_omega @ right + late
+        return -E[loop] * H, -E[loop] * (rate + turns[loop] * H), -E[loop] * (left @ by_parameter @ right)
 
     # --- crossings and peaks --------------------------------------------------------------------------
 
-    def _phases(self, loop: int, grid: Array) -> list[_LoopValue]:
+    def _phases(self, loop: int, grid: Array) -> list[LoopValue]:
         found = []
         for omega in self._roots(lambda at: np.log(np.abs(self._gain(loop, at))), grid):
             L, rate, slopes = self._derivatives(loop, omega)
             by_omega, by_parameter = rate / L, slopes / L  # of log|L| + j arg L
             turned = by_parameter.imag - by_omega.imag * by_parameter.real / by_omega.real
-            found.append(_LoopValue(lag(L), np.degrees(turned), omega))
+            found.append(LoopValue(lag(L), np.degrees(turned), omega))
         return found
 
-    def _gains(self, loop: int, grid: Array) -> list[_LoopValue]:
+    def _gains(self, loop: int, grid: Array) -> list[LoopValue]:
         found = []
         gains = self._gain(loop, grid)
         crossings = np.flatnonzero(np.sign(gains[1:].imag) * np.sign(gains[:-1].imag) < 0)
@@ -206,10 +267,10 @@ class _Loops:
             L, rate, slopes = self._derivatives(loop, omega)
             if -1 < L.real < 0:
                 moved = slopes.real - rate.real * slopes.imag / rate.imag
-                found.append(_LoopValue(-1 / L.real, moved / L.real**2, omega))
+                found.append(LoopValue(-1 / L.real, moved / L.real**2, omega))
         return found
 
-    def _peaks(self, loop: int, grid: Array) -> list[_LoopValue]:
+    def _peaks(self, loop: int, grid: Array) -> list[LoopValue]:
         """Return the maxima of |S|, or |T|, with those at the ends of the grid."""
 
         def rate(at: Array) -> Array:
@@ -229,7 +290,7 @@ class _Loops:
         for omega in [*found, float(grid[0]), float(grid[-1])]:
             at, _, slopes = self._derivatives(loop, omega)
             value = abs((at if self._complementary else 1) / (1 + at))
-            values.append(_LoopValue(value, value * self._logarithmic(at, slopes).real, omega))
+            values.append(LoopValue(value, value * self._logarithmic(at, slopes).real, omega))
         return values
 
     def _logarithmic(self, L: Any, change: Any) -> Any:

@@ -137,8 +137,8 @@ def _add_responses(result: Result, designed: Designed, omega: Array | None) -> N
     """Add the responses of the targets' channels at the start and as designed."""
     functions, group = designed.functions, f"{GROUP}/frequency_response"
     design = functions.design
-    if any(loop.delayed for loop in design.loops):
-        return  # the equations have approximants of delays
+    if any(loop.delayed or loop.sampling is not None for loop in design.loops):
+        return  # the equations have approximants of delays, and sampled loops cut
     ends = (functions.coordinates.start, designed.solution.evaluation.eta)
     matrices = [functions.matrices(eta) for eta in ends]
     channels: dict[str, Target] = {}

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import ComplexArray
 from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.controller_circuits import PADE_ORDER, close_loops
 from dynid.bondgraph.cut_loops import CutLoops, rational, rounded
@@ -25,7 +26,13 @@ from dynid.lti.axis_boxes import Work
 from dynid.lti.certified_roots import certified_roots, repeated, root_balls
 from dynid.lti.enclosures import EVALUATIONS
 from dynid.lti.margins import CHANGES, Margins
-from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, continuous_phase, on_axis
+from dynid.lti.quasi_polynomials import (
+    PRECISION,
+    QuasiPolynomial,
+    continuous_phase,
+    on_axis,
+    polished_roots,
+)
 from dynid.lti.stability import Verdict
 from dynid.number_format import counted, roots_text
 from dynid.progress import tracked
@@ -46,6 +53,11 @@ _UNITS = {"phase": "deg", "delay": "s"}
 _FREQUENCY_POINTS, _GAINS = 400, 121
 #: Relative distances from a gain at which branches meet, where they are fast, of further gains.
 _MEETING_OFFSETS = (1e-3, 1e-2)
+#: Which roots a locus of a loop with delays has.
+_LOCUS_NOTE = (
+    "roots with the delays as they are, of infinitely many those that approximants of order "
+    f"{PADE_ORDER} lead to"
+)
 #: Largest degree of a root locus.
 _MAX_LOCUS_DEGREE = 60
 
@@ -71,17 +83,29 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     if not names:
         return
     omega = frequencies_near(functions, loop_margins, work) if omega is None else omega
-    add_functions(result, names, functions, omega, omega)
+    _add_functions(result, names, functions, omega)
+    add_loci(result, names, functions, work)
+
+
+def add_loci(
+    result: Result,
+    names: list[str],
+    loops: Iterable[tuple[QuasiPolynomial, QuasiPolynomial]],
+    work: Work,
+    *,
+    plane: str = "s",
+) -> None:
+    """Add the root loci of loops, numerators and denominators of L, until they cost too much."""
     poles = 0
-    for number, (above, below) in enumerate(functions, 1):
-        polynomials = rational([above, below], PADE_ORDER)
+    for number, functions in enumerate(loops, 1):
+        polynomials = rational(functions, PADE_ORDER)
         poles += _GAINS * max(polynomial.degree() for polynomial in polynomials)
         if poles > _LOCI:
             result.annotate(LOCUS, left_out=f"from loop {number} on: more than {_LOCI} poles")
             break
-        late = not (above.is_rational and below.is_rational)
+        late = None if all(function.is_rational for function in functions) else functions
         try:
-            _add_locus(result, f"{LOCUS}/loop_{number}", names[number - 1], polynomials, work, late=late)
+            _add_locus(result, f"{LOCUS}/loop_{number}", names[number - 1], polynomials, work, late, plane)
         except Undecided as error:
             result.annotate(LOCUS, left_out=f"from loop {number} on: {error.problem}")
             break
@@ -203,23 +227,19 @@ def frequencies_near(
     return np.geomspace(max(low, 1e-6 * high) / 30, high * 30, _FREQUENCY_POINTS)
 
 
-def add_functions(
+def _add_functions(
     result: Result,
     names: list[str],
     functions: list[tuple[QuasiPolynomial, QuasiPolynomial]],
     omega: NDArray[np.float64],
-    on: NDArray[np.float64],
 ) -> None:
-    """Add L, S = 1/(1 + L) and T = L/(1 + L) of every loop at frequencies, which are `on` the axis of s."""
-    result.add_axis(f"{FUNCTIONS}/omega", omega, "rad/s")
-    result.add_axis(f"{FUNCTIONS}/loop", names)
-    for name in ("L", "S", "T"):
-        columns = []
-        for above, below in functions:
-            total = above + below
-            top, bottom = {"L": (above, below), "S": (below, total), "T": (above, total)}[name]
-            columns.append(on_axis(top, bottom, on.tolist()))
-        result.add(f"{FUNCTIONS}/{name}", np.array(columns, complex).T, ("omega", "loop"))
+    """Add L, S = 1/(1 + L) and T = L/(1 + L) of every loop at frequencies."""
+    responses: dict[str, Any] = {"L": [], "S": [], "T": []}
+    for above, below in functions:
+        total = above + below
+        for name, top, bottom in (("L", above, below), ("S", below, total), ("T", above, total)):
+            responses[name].append(on_axis(top, bottom, omega.tolist()))
+    add_gains(result, names, omega, *(np.array(columns, complex).T for columns in responses.values()))
     if all(function.is_rational for function in chain.from_iterable(functions)):
         return
 
@@ -229,6 +249,22 @@ def add_functions(
 
     delays = max(max(function.terms, default=Fraction(0)) for pair in functions for function in pair)
     add_phase(result, FUNCTIONS, "L", open_loops, float(delays))
+
+
+def add_gains(
+    result: Result,
+    names: list[str],
+    omega: NDArray[np.float64],
+    L: ComplexArray,
+    S: ComplexArray | None = None,
+    T: ComplexArray | None = None,
+) -> None:
+    """Add L of every loop (omega x loop), with S = 1/(1 + L) and T = L/(1 + L)."""
+    S = 1 / (1 + L) if S is None else S
+    result.add_axis(f"{FUNCTIONS}/omega", omega, "rad/s")
+    result.add_axis(f"{FUNCTIONS}/loop", names)
+    for name, values in (("L", L), ("S", S), ("T", 1 - S if T is None else T)):
+        result.add(f"{FUNCTIONS}/{name}", values, ("omega", "loop"))
 
 
 def add_phase(
@@ -247,26 +283,40 @@ def add_phase(
 
 
 def _add_locus(
-    result: Result, group: str, name: str, polynomials: Sequence[Any], work: Work, *, late: bool
+    result: Result,
+    group: str,
+    name: str,
+    polynomials: Sequence[Any],
+    work: Work,
+    late: Sequence[QuasiPolynomial] | None,
+    plane: str,
 ) -> None:
-    """Add the poles over a factor on the gain of a loop; those with delays are approximate."""
+    """Add the poles over a factor on the gain of a loop.
+
+    `late`: L with its delays, of which `polynomials` are approximants: their roots start the search for those
+    of L, which alone are kept.
+    """
     top, bottom = polynomials
     degree = max(top.degree(), bottom.degree())
     if not 0 < degree <= _MAX_LOCUS_DEGREE or top == 0:
         return
     gains, zeros = _gains(top, bottom, work), _values(root_balls(top, work=work))
+    if late is not None:
+        zeros = polished_roots(late[:1], [1.0], zeros)
     poles = np.full((len(gains), degree), np.inf, dtype=complex)
     values: list[complex] = []
     for row, gain in enumerate(gains.tolist()):
         share, of = gain.as_integer_ratio()
         values = _values(root_balls(bottom * of + top * share, values, work))
-        poles[row] = _following(poles[row - 1] if row else None, values, degree)
-    marked = {"approximate": approximation()} if late else {}
-    result.annotate(group, loop=name, **marked)
+        roots = values if late is None else polished_roots(late, [gain, 1.0], values)
+        poles[row] = _following(poles[row - 1] if row else None, roots, degree)
+    note = {} if late is None else {"note": _LOCUS_NOTE}
+    unit = {"s": "rad/s", "z": ""}[plane]
+    result.annotate(group, loop=name, plane=plane, **note)
     result.add_axis(f"{group}/gain", gains)
     result.add_axis(f"{group}/branch", np.arange(1, degree + 1))
-    result.add(f"{group}/poles", poles, ("gain", "branch"), "rad/s", **marked)
-    result.add_numbered(f"{group}/zero", np.array(zeros, dtype=complex), "rad/s", **marked)
+    result.add(f"{group}/poles", poles, ("gain", "branch"), unit)
+    result.add_numbered(f"{group}/zero", np.array(zeros, dtype=complex), unit)
 
 
 def _gains(top: Any, bottom: Any, work: Work) -> NDArray[np.float64]:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.results.margin_results import LOCUS, add_functions, add_loop_margins, frequencies_near
+from dynid.bondgraph.results.margin_results import (
+    LOCUS,
+    add_gains,
+    add_loci,
+    add_loop_margins,
+    frequencies_near,
+)
 from dynid.bondgraph.results.system import SYSTEM, add_system
 from dynid.bondgraph.sampled_loops import SampledLoops
 from dynid.lti.axis_boxes import Work
-from dynid.lti.certified_roots import repeated
 from dynid.lti.quasi_polynomials import QuasiPolynomial
 from dynid.number_format import roots_text
 from dynid.progress import tracked
@@ -20,7 +26,7 @@ from dynid.result import Result
 
 _SAMPLED = "bond_graph/sampled"
 _NOTE = (
-    "poles of the closed loops in the plane of z; frequency responses are fundamental: of a sine at ω the "
+    "{} of the closed loops in the plane of z; frequency responses are fundamental: of a sine at ω the "
     "part at ω, beside aliases at |ω + 2πk/T|"
 )
 #: Cost of the roots around which frequencies are chosen.
@@ -32,30 +38,35 @@ def add_sampled(result: Result, loops: SampledLoops, omega: NDArray[np.float64] 
 
     `omega`: frequencies of the sensitivity functions, rad/s; default: around the crossings.
     """
-    if loops.lines:
-        add_system(result, loops.verdict)
-        return
     names = [f"{loop.measured} -> {loop.source}" for loop in loops.loops]
     numbers = range(len(names))
+    if loops.refusal:
+        add_system(result, loops.verdict)
+        return
     loop_margins = [loops.margins(number) for number in tracked(numbers, "margins of loop")]
     add_loop_margins(result, names, loop_margins)
     add_system(result, loops.verdict)
-    result.add(f"{SYSTEM}/largest_sample_time", loops.largest_sample_time, units="s")
-    result.add_numbered(f"{_SAMPLED}/pole", repeated(loops.poles))
+    if not math.isnan(loops.largest_sample_time):
+        result.add(f"{SYSTEM}/largest_sample_time", loops.largest_sample_time, units="s")
     timing = zip(loops.loops, loops.computations, strict=True)
     computations = ", ".join(f"{float(computation):g}" for _, computation in timing)
-    result.annotate(_SAMPLED, sample=float(loops.period), computation=computations, note=_NOTE)
-    functions = [
-        (QuasiPolynomial({Fraction(0): above}), QuasiPolynomial({Fraction(0): below}))
-        for above, below in map(loops.loop, numbers)
-    ]
-    half = float(loops.period) / 2
+    result.add_numbered(f"{_SAMPLED}/pole", loops.listed_poles)
+    note = _NOTE.format("largest poles" if loops.delays else "poles")
+    result.annotate(_SAMPLED, sample=float(loops.period), computation=computations, note=note)
+    functions = [] if loops.delays else [*map(_quasi, map(loops.loop, numbers))]
     if omega is None:
         near = frequencies_near(functions, loop_margins, Work(_WORK))
-        omega = near[near < math.pi / (2 * half)]
-    with np.errstate(over="ignore"):
-        add_functions(result, names, functions, omega, np.tan(omega * half) / half)
-    result.annotate(LOCUS, left_out="the loops are sampled")
+        omega = near[near < math.pi / float(loops.period)]
+    add_gains(result, names, omega, np.stack([loops.gain(number, omega) for number in numbers], axis=1))
+    if loops.delays:
+        result.annotate(LOCUS, left_out="delays in the graph give infinitely many discrete poles")
+        return
+    add_loci(result, names, map(_quasi, map(loops.loop_in_z, numbers)), Work(_WORK), plane="z")
+
+
+def _quasi(loop: tuple[Any, Any]) -> tuple[QuasiPolynomial, QuasiPolynomial]:
+    above, below = (QuasiPolynomial({Fraction(0): polynomial}) for polynomial in loop)
+    return above, below
 
 
 def sampling_warnings(loops: SampledLoops) -> list[str]:

@@ -269,11 +269,10 @@ def _margin_table(result: Result) -> ReportSection:
 def _sampling(result: Result) -> Iterator[ReportSection]:
     """Yield the sample time and the largest stable one, and the discrete poles."""
     about, limit = result.group_attrs["bond_graph/sampled"], "bond_graph/system/largest_sample_time"
-    largest = float(result.value(limit)) if limit in result else np.nan
     poles = roots_text(result["bond_graph/sampled/poles"].data).removesuffix(" rad/s")
     items = definitions(
         ("sample time", f"{float(about['sample']):g} s; computation {about['computation']} s"),
-        ("largest", "undefined" if np.isnan(largest) else f"{largest:.4g} s"),
+        *([("largest", f"{float(result.value(limit)):.4g} s")] if limit in result else []),
         ("poles in z", poles),
         ("", str(about["note"])),
     )

@@ -256,6 +256,9 @@ _FUNCTIONS, _LOCUS = "bond_graph/sensitivity_functions", "bond_graph/root_locus"
 _REACH = 3.0
 #: Most loops that are drawn.
 _LOOPS = 6
+#: Reach of a root locus in z around the unit circle; twice it at the most.
+_CIRCLE_REACH = 1.25
+_AXES_OF_Z = ("real part of z", "imaginary part of z")
 
 
 def loops(result: Result) -> Iterator[Figure]:
@@ -365,10 +368,10 @@ def _root_locus(result: Result, group: str) -> Chart:
     zeros = result[f"{group}/zeros"].data
     closed_poles = poles[np.abs(gains - 1).argmin()]
     notable = np.abs(np.concatenate([poles[0], closed_poles, zeros]))
-    if "approximate" in result.group_attrs[group]:  # not out to the poles of the approximants
-        loop = [str(name) for name in result["bond_graph/margins/loop"].data].index(
-            str(result.group_attrs[group]["loop"])
-        )
+    about_locus = result.group_attrs[group]
+    discrete = about_locus.get("plane") == "z"
+    if "note" in about_locus:  # of infinitely many poles those around the crossings
+        loop = [str(name) for name in result["bond_graph/margins/loop"].data].index(str(about_locus["loop"]))
         crossings = [
             float(result[f"bond_graph/margins/{name}"].data[loop])
             for name in ("gain_crossover", "phase_crossover", "modulus_at")
@@ -376,6 +379,10 @@ def _root_locus(result: Result, group: str) -> Chart:
         notable = notable[notable <= 4 * next((one for one in crossings if 0 < one < np.inf), np.inf)]
     reach = 1.5 * float(np.max(notable[np.isfinite(notable)], initial=0.1))
     layers: list[Layer] = [*_ORIGIN]
+    if discrete:
+        reach = max(reach, _CIRCLE_REACH) if reach < 2 * _CIRCLE_REACH else 2 * _CIRCLE_REACH
+        circle = np.exp(1j * np.linspace(0, 2 * np.pi, 121))
+        layers.append(Curve(circle.real, circle.imag, "", "grid", name="|z| = 1"))
     for branch in poles.T:
         drawn = np.where(np.abs(branch) <= 1.5 * reach, branch, np.nan)
         layers.append(Curve(drawn.real, drawn.imag, "", "s1 fine"))
@@ -385,18 +392,20 @@ def _root_locus(result: Result, group: str) -> Chart:
         (closed_poles, "poles with the gain as it is", "o", "s4"),
     ):
         inside = values[np.isfinite(values) & (np.abs(values) <= reach)]
-        tips = list(map(_root_text, inside.tolist()))
+        tips = [f"{root:.4g}" if discrete else _root_text(root) for root in inside.tolist()]
         layers.append(Markers(inside.real, inside.imag, what, cls, symbol, 4.5, tips))
-    across, up = (PlotAxis(label, low=-reach, high=reach) for label in AXES)
-    note = approximation(result.group_attrs[group])
+    axes = _AXES_OF_Z if discrete else AXES
+    across, up = (PlotAxis(label, low=-reach, high=reach) for label in axes)
+    note = f" {about_locus['note']}." if "note" in about_locus else ""
     span = f"{short(float(gains[1]))} to {short(float(gains[-1]))}"
     about = f"{counted(poles.shape[1], 'pole')} over a factor on the gain of the loop, from {span}.{note}"
-    plot = Subplot(across, up, layers, square=True, parameter=frequency_label(unit), per_y=unit.factor)
+    scale = {} if discrete else {"parameter": frequency_label(unit), "per_y": unit.factor}
+    plot = Subplot(across, up, layers, square=True, **scale)
     rows: list[tuple[CellValue, ...]] = [
         (float(gain), float(pole.real), float(pole.imag))
         for gain, row in zip(gains, poles, strict=True)
         for pole in row
         if np.isfinite(pole)
     ]
-    table = FigureTable(("gain", *AXES), tuple(rows[:2000]))
+    table = FigureTable(("gain", *axes), tuple(rows[:2000]))
     return Chart([[plot]], about, table, width=560.0, height=420.0)

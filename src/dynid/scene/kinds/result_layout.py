@@ -116,7 +116,7 @@ LAYOUT: dict[str, str] = {
     "bond_graph/margins": " ".join(MARGINS),
     "bond_graph/sensitivity_functions": "omega loop L S T phase phase_left_out",
     "bond_graph/root_locus": "left_out",
-    "bond_graph/root_locus/<loop>": "loop gain branch poles zero zeros approximate",
+    "bond_graph/root_locus/<loop>": "loop plane gain branch poles zero zeros note",
     "bond_graph/frequency_response": f"{_RESPONSE} phase phase_left_out approximate",
     "bond_graph/frequency_peaks": f"{_PEAKS} approximate",
     "bond_graph/time_response": (

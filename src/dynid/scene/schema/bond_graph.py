@@ -533,27 +533,48 @@ class BondGraphScene(ComposedScene):
             outputs = [str(port) for port in self.analysis.outputs]
             yield from self.design.faults(self.parameters, self.graph.nodes, outputs, inputs)
             yield from self.design.loop_faults(len(control.loops) if control else 0)
-        if any(node.type == LINE for node in self.graph.nodes.values()):
+        lines = any(node.type == LINE for node in self.graph.nodes.values())
+        if lines:
             yield from self._line_faults()
+        if self._nonlinear:
+            yield from self._nonlinear_faults(lines=lines)
         if control is None:
             return
         yield from control.input_faults(self.analysis.inputs)
         if control.sampled:
             yield from self._sampling_faults()
-        if not control.delays:
-            return
-        if self.design is not None and not self.design.of_loops:
+        elif control.delays and self.analysis.port is not None:
+            from dynid.scene.schema.control import DELAY_REMEDY
+
+            message = f"there is no 'port' where a loop has a delay; {DELAY_REMEDY}"
+            yield ("analysis", "port", AT_KEY), message
+        if control.delays and self.design is not None and not self.design.of_loops:
             message = "only margins (phase_margin, gain_margin, Ms, Mt) are designed with a delay in a loop; "
             message += "write it as {numerator: …, denominator: …}"
             yield from (((*path, AT_KEY), message) for path in control.delays)
-        nodes = self.graph.nodes.values()
-        if self.operating_point is None and not any(
-            node.law is not None or (node.value is not None and node.value.variable) for node in nodes
-        ):
-            return
+
+    @property
+    def _nonlinear(self) -> bool:
+        """True if it has laws, or moduli that depend on variables."""
+        return self.operating_point is not None or any(
+            node.law is not None or (node.value is not None and node.value.variable)
+            for node in self.graph.nodes.values()
+        )
+
+    def _nonlinear_faults(self, *, lines: bool) -> Iterator[Located]:
+        """Yield the time response of nonlinear laws where delays or samples act on them."""
+        control: ControlModel | None = self.control
         from dynid.scene.schema.control import DELAY_REMEDY
 
-        message = f"the response of nonlinear laws is not computed where a loop has a delay; {DELAY_REMEDY}"
+        if control is not None and control.delays:
+            where = f"where a loop has a delay; {DELAY_REMEDY}"
+        elif control is not None and control.sampled:
+            where = "with sampled loops; leave it out, or write the controllers without 'sample'"
+        elif lines:
+            where = "with a line (TL); leave it out, or write the line as pieces of I and C"
+        else:
+            return
+        message = f"the response of nonlinear laws is not computed {where}"
         if self.analysis.results is None and self.analysis.time is not None:
             yield ("analysis", "time", AT_KEY), message
         for index, name in enumerate(self.analysis.results or ()):
@@ -581,8 +602,9 @@ class BondGraphScene(ComposedScene):
         for index, name in enumerate(self.analysis.results or ()):
             if name not in SAMPLED:
                 yield ("analysis", "results", index), f"there is no '{name}' {loops}"
-        if self.design is not None:
-            yield ("design", AT_KEY), f"there is no 'design' {loops}"
+        if self.design is not None and not self.design.of_loops:
+            message = "only margins (phase_margin, gain_margin, Ms, Mt) are designed with sampled loops"
+            yield ("design", "targets", AT_KEY), message
         if self.analysis.port is not None:
             yield ("analysis", "port", AT_KEY), f"there is no 'port' {loops}"
 

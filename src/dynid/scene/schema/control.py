@@ -172,18 +172,19 @@ class ControlModel(Section):
             yield (*self.delays[0][1:], AT_KEY), f"a loop with a delay is not identified; {DELAY_REMEDY}"
         elif len(self.delays) > _MAX_DELAYS:
             yield ("loops", AT_KEY), f"at most {_MAX_DELAYS} loops may have a delay"
-        periods = [loop.controller.sample for loop in self.loops]
-        for index, period in enumerate(periods):
-            path = ("loops", index, "controller")
-            if period is not None and linear:
+        periods = [
+            (index, loop.controller.sample)
+            for index, loop in enumerate(self.loops)
+            if loop.controller.sample is not None
+        ]
+        for index, period in periods:
+            path = ("loops", index, "controller", "sample")
+            if linear:
                 message = "a sampled loop is not identified; write the controller without 'sample'"
-                yield (*path, "sample", AT_KEY), message
-            elif (period is None) is not (periods[0] is None):
-                message = "loops are all sampled or none; give each a 'sample', or none"
-                yield (*path, AT_KEY) if period is None else (*path, "sample", AT_KEY), message
-            elif period is not None and periods[0] is not None and period.exact != periods[0].exact:
-                message = f"loops are sampled together; write the period of the first, {float(periods[0]):g}"
-                yield (*path, "sample"), message
+                yield (*path, AT_KEY), message
+            elif period.exact != periods[0][1].exact:
+                first = float(periods[0][1])
+                yield path, f"loops are sampled together; write the period of the first, {first:g}"
 
     @property
     def sampled(self) -> bool:
