@@ -16,7 +16,7 @@ import numpy as np
 from dynid.arithmetic.dependent import Dependent, evaluated
 from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.controller_circuits import Loop
-from dynid.bondgraph.design.loop_margins import LoopGains, LoopValue
+from dynid.bondgraph.design.loop_gains import LoopGains, LoopValue
 from dynid.errors import UsageError
 from dynid.lti.exponential import exponential_with_derivatives
 
