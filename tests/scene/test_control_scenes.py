@@ -555,7 +555,7 @@ def test_results_of_sampled_loops():
         (
             "analysis:",
             "design: {free: {x: }, targets: [{pole: 1}]}\nparameters: {x: 1}\nanalysis:",
-            "there is no 'design' with sampled loops",
+            "are designed with sampled loops",
         ),
     ],
 )
