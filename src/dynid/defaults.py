@@ -71,6 +71,12 @@ PLANNED_ANEW = Default(
     "frequency-response-on-loops",
     "graphs are planned anew where more than {value:,} operations would be left to ball arithmetic",
 )
+NODAL_RESPONSES = Default(
+    60,
+    "mesh-response",
+    "frequency responses whose elimination takes more than {value} products an equation are solved for by "
+    "sparse factors",
+)
 LARGE_GRAPHS = Default(
     100, "frequency-response-of-trees", "graphs of {value} bonds and more are planned by the C library"
 )

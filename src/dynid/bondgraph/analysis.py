@@ -264,9 +264,9 @@ def _add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Ana
     """Add the scope of the model: elements, storages, states, engines and results, used and left out."""
     parts = [*analysis.approximations]
     if reduced is not None:
-        ports = [set(reduced.dropped(port)) for port in reduced.outputs]
         nodes = list(reduced.graph.nodes)
-        kept = [name for name in nodes if not all(name in left_out for left_out in ports)]
+        left_out = set(nodes).intersection(*map(reduced.dropped, reduced.outputs))
+        kept = dict.fromkeys(name for name in nodes if name not in left_out)
         inside = [name for name in reduced.storages if name in kept]
         parts.append(divided("elements", nodes, kept, "no output depends on them"))
         parts.append(divided("storages", reduced.storages, inside, "no output depends on them"))

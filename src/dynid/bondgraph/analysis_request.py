@@ -214,6 +214,8 @@ class EngineChoice:
 
 def modelled_storages(reduced: ReducedGraph) -> int:
     """Return the number of storage elements behind the outputs."""
+    if reduced.nodal is not None:
+        return len(reduced.storages) - sum(name in reduced.storages for name in reduced.nodal.dropped())
     modelled = {name for reduction in reduced.reductions.values() for name in reduction.modelled}
     return sum(name in modelled for name in reduced.storages)
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.program.bounded import bounded_response
-from dynid.bondgraph.program.program import Tape
+from dynid.bondgraph.program.program import Program, Tape
 from dynid.bondgraph.reduced_graph import GraphProgram, ReducedGraph
 from dynid.defaults import COMPILED_RESPONSES, PLANNED_ANEW
 from dynid.errors import NumericalError, Singular
@@ -54,6 +54,13 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
     def channels(planned: ReducedGraph) -> list[int]:
         return list(planned.channels().values())
 
+    if reduced.nodal is not None:
+        solution, bounds = reduced.nodal.at(np.asarray(omega, dtype=float))
+        trusted = np.all(bounds <= _RESPONSE_TOL * np.abs(solution), axis=(1, 2))
+        for point in np.flatnonzero(~trusted):
+            certified = _certified(reduced, channels(reduced), float(omega[point]), channels)
+            solution[point] = np.reshape(certified, solution.shape[1:])
+        return solution
     response = on_axis(reduced, channels(reduced), omega, channels)
     return response.reshape(len(omega), len(reduced.outputs), len(reduced.inputs))
 
@@ -68,10 +75,14 @@ def on_axis(
     if not registers:
         return np.zeros((len(omega), 0), dtype=np.complex128)
     evaluate = _doubled if len(planned.program) > _LONG else _double
-    many = _ANEW / len(planned.program)  # points that cost as much in ball arithmetic as another plan
-    stride, balanced = len(omega) // _SAMPLE, False
-    looped = len(planned.graph.bonds) >= len(planned.graph.nodes)
-    if again is not None and looped and stride > 1 and len(omega) > many:
+    balanced = again is not None and planned.has_short_paths
+    if again is not None and balanced:
+        planned, evaluate = planned.balanced(), _doubled
+        registers = again(planned)
+    looped, stride = len(planned.graph.bonds) >= len(planned.graph.nodes), len(omega) // _SAMPLE
+    # points that cost as much in ball arithmetic as another plan: the library makes that faster than one
+    many = 0 if looped and type(planned.program) is not Program else _ANEW / len(planned.program)
+    if again is not None and not balanced and looped and stride > 1 and len(omega) > many:
         _, trusted = evaluate(planned, registers, omega[::stride])  # they show whether the plan serves
         if stride * np.count_nonzero(~trusted) > many:
             planned, evaluate, balanced = planned.balanced(), _doubled, True

@@ -23,7 +23,7 @@ from dynid.bondgraph.reduction.junctions import JunctionStructure, ring_text
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.reduction.reducer import Reduction, reduce_graph
 from dynid.bondgraph.reduction.solvability import hold, undetermined
-from dynid.defaults import LARGE_GRAPHS
+from dynid.defaults import LARGE_GRAPHS, MANY_LOOPS
 from dynid.errors import Singular
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.arithmetic.real_field import RealField
+    from dynid.bondgraph.nodal_response import NodalResponse
     from dynid.bondgraph.program.factored import RationalFunction
     from dynid.bondgraph.reduction.compiled import PlanResidues
 
@@ -52,6 +53,7 @@ class GraphProgram(ABC):
     """
 
     _balanced = False  # whether reductions are
+    _short_paths: Self | None = None  # the balanced plan, once it is made
 
     def __init__(self, graph: BondGraph) -> None:
         self.graph = graph
@@ -133,6 +135,7 @@ class GraphProgram(ABC):
     def with_values(self, values: Mapping[str, Fraction]) -> Self:
         """Return the plan with other values of some elements, for which it is known to hold."""
         program = copy(self)
+        program._short_paths = None
         program.graph = self.graph.with_values(values)
         program._values = {name: program.graph.value(name) for name in self._values}
         program._prime = prime_for(program._values.values())
@@ -152,11 +155,19 @@ class GraphProgram(ABC):
 
         Bounds on rounding errors, which grow with each step on a loop, stay small in long ladders and rings.
         """
-        program = copy(self)
-        program._balanced = True
-        with no_collection():
-            program._plan("values")
-        return program
+        if self._balanced:
+            return self
+        if self._short_paths is None:
+            program = self._short_paths = copy(self)
+            program._balanced = True
+            with no_collection():
+                program._plan("values")
+        return self._short_paths
+
+    @property
+    def has_short_paths(self) -> bool:
+        """True where a response needed the balanced plan, so that others will."""
+        return self._short_paths is not None
 
     @abstractmethod
     def _write(self) -> None:
@@ -224,6 +235,12 @@ class ReducedGraph(GraphProgram):
     ) -> None:
         self.inputs, self.outputs, self._traced = tuple(inputs), tuple(outputs), traced
         self._drawn, self._all_solved, self._by_library = graph, False, not traced
+        self.free: list[str] = []
+        self.undetermined: list[str] = []
+        self.nodal = None if traced else self._nodal_response(graph)
+        if self.nodal is not None:  # it has a unique solution, and is planned where it must be
+            self.graph = graph
+            return
         with no_collection():
             try:
                 super().__init__(graph)
@@ -247,6 +264,29 @@ class ReducedGraph(GraphProgram):
     def structure(self) -> JunctionStructure:
         """The junction structure of the graph."""
         return JunctionStructure(self._drawn)
+
+    def with_values(self, values: Mapping[str, Fraction]) -> Self:
+        """Return the plan with other values of some elements, for which it is known to hold."""
+        _ = self.program  # it is shared
+        reduced = super().with_values(values)
+        reduced.nodal = None
+        return reduced
+
+    def _nodal_response(self, graph: BondGraph) -> NodalResponse | None:
+        """Return the response by sparse factors of a large graph whose many loops fill its elimination."""
+        if len(graph.bonds) < LARGE_GRAPHS.value or len(graph.bonds) - len(graph.nodes) < MANY_LOOPS.value:
+            return None
+        from dynid.bondgraph.nodal_response import NodalResponse
+
+        return NodalResponse.of(self.structure, self.inputs, self.outputs)
+
+    def __getattr__(self, name: str) -> Any:
+        """Plan a graph whose response needs no program, where something else does."""
+        if name not in ("program", "reductions") or self.__dict__.get("nodal") is None:
+            raise AttributeError(name)
+        with no_collection():
+            super().__init__(self.graph)
+        return self.__dict__[name]
 
     def _plan(self, at: PlanningPoint) -> None:
         if not self._plan_by_library(at):
@@ -332,6 +372,8 @@ class ReducedGraph(GraphProgram):
         the output, and elements whose value enters neither the output's transfer functions, nor the natural
         modes behind it, nor its prototype.
         """
+        if self.nodal is not None:
+            return self.nodal.dropped()
         reduction, program = self.reductions[port], self.program
         prototype = reduction.prototype
         parts = (prototype.part_a, prototype.part_b)

@@ -107,8 +107,12 @@ class _Bracket:
         self.open = bool(np.isfinite(self.top)) and len(self.omega) > 1
 
     def inside(self) -> Array:
-        """Return the next frequencies, none next to a known one."""
-        spread = np.linspace(self.omega[0], self.omega[-1], _POINTS_INSIDE + 2)[1:-1]
+        """Return the next frequencies, none next to a known one; ever nearer to a maximum at an end."""
+        first, last = self.omega[0], self.omega[-1]
+        if self.where in (first, last):
+            shares = 10.0 ** -np.arange(1, _POINTS_INSIDE + 1)
+            return np.unique(self.where + (last + first - 2 * self.where) * shares)
+        spread = np.linspace(first, last, _POINTS_INSIDE + 2)[1:-1]
         distance = np.abs(spread[:, None] - self.omega).min(axis=1)
         return np.asarray(spread[distance > _MIN_FREQUENCY_SEPARATION * (self.omega[-1] - self.omega[0])])
 

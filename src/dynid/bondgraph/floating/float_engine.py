@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,10 +19,15 @@ from dynid.bondgraph.floating.roots import (
     settled,
 )
 from dynid.bondgraph.floating.series import leading_terms
-from dynid.bondgraph.floating.spectrum import natural_equations, spectrum, zero_equations
+from dynid.bondgraph.floating.spectrum import natural_equations, refined, spectrum, zero_equations
+from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
+from dynid.defaults import MANY_LOOPS
 from dynid.errors import Undecided
 from dynid.lti.stability import TransferProperties
+
+if TYPE_CHECKING:
+    from dynid.bondgraph.floating.state_counts import StateCounts
 
 
 class FloatEngine:
@@ -30,12 +36,33 @@ class FloatEngine:
     def __init__(self, reduced: ReducedGraph) -> None:
         self.reduced = reduced
         self.channels = reduced.channels()
+        self._spectra: dict[tuple[frozenset[str], bool], RootDiscs] = {}
+        self._found: dict[Channel, _FloatTransferFunction] = {}
+        self._states = self._state_counts()
+        if self._states:
+            self.counts, self.natural_counts, self._zero_counts = {}, {}, {}
+            for channel in self.channels:
+                above, natural = self._states[channel[0]].counts(channel[1])
+                shared = above.polynomial.gcd(natural.polynomial)
+                lowest = [RootCounts(counts.polynomial // shared) for counts in (above, natural)]
+                self.counts[channel] = lowest[0], lowest[1]
+                self.natural_counts[channel[0]], self._zero_counts[channel] = natural, above.degree
+            return
         determinants = {port: reduction.determinant() for port, reduction in reduced.reductions.items()}
         counted = modular_ratios(reduced, [*self.channels.values(), *determinants.values()])
         self.counts = {channel: counted[register] for channel, register in self.channels.items()}
         self.natural_counts = {port: counted[register][0] for port, register in determinants.items()}
-        self._spectra: dict[tuple[frozenset[str], bool], RootDiscs] = {}
-        self._found: dict[Channel, _FloatTransferFunction] = {}
+
+    def _state_counts(self) -> dict[Port, StateCounts]:
+        """Return the state equations of the outputs of a graph on many loops; none where one lacks them."""
+        structure = self.reduced.structure
+        if len(structure.couplings) - len(structure.junctions) < MANY_LOOPS.value:
+            return {}
+        from dynid.bondgraph.floating.state_counts import StateCounts
+
+        states = {port: StateCounts.of(self.reduced, port) for port in self.reduced.outputs}
+        complete = {port: equations for port, equations in states.items() if equations is not None}
+        return complete if len(complete) == len(states) else {}
 
     def channel(self, channel: Channel) -> _FloatTransferFunction:
         """Return one channel."""
@@ -60,6 +87,10 @@ class FloatEngine:
 
     def invariant_zeros(self, channel: Channel, *, exact: bool = False) -> RootDiscs:
         """Return the invariant zeros of a channel: its zeros and hidden modes."""
+        if self._states and not exact:
+            starts = self._states[channel[0]].zeros(channel[1], self._zero_counts[channel])
+            if np.isfinite(starts).all():
+                return refined(zero_equations(self.reduced, channel), starts)
         return spectrum(zero_equations(self.reduced, channel), exact=exact)
 
     @cached_property

@@ -68,6 +68,11 @@ def spectrum(equations: Sequence[LinearForm], *, exact: bool = False) -> RootDis
     return RootDiscs.joined(parts)
 
 
+def refined(equations: Sequence[LinearForm], starts: NDArray[np.complex128]) -> RootDiscs:
+    """Return roots of the determinant of equations near first values of all of them, with error estimates."""
+    return _Pencil(list(equations)).refined(starts) if len(starts) else RootDiscs.none()
+
+
 def _certified(block: list[LinearForm]) -> RootDiscs | None:
     """Return the roots of a block from its characteristic polynomial; None where it has too many states."""
     from flint import fmpq_mat

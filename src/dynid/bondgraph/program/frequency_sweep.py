@@ -93,7 +93,10 @@ def _by_library(
     values: NDArray[np.complex128],
     bounds: Array,
 ) -> None:
-    tape = compile_tape(program, registers, value)
+    key = [*registers], value
+    if program.compiled_tape is None or program.compiled_tape[0] != key:
+        program.compiled_tape = key, compile_tape(program, registers, value)
+    tape = program.compiled_tape[1]
     blocks = -(-len(omega) // _BLOCK)
     padded = np.resize(omega, blocks * _BLOCK)
     padded[len(omega) :] = omega[-1:]

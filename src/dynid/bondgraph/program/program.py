@@ -75,6 +75,9 @@ class Program:
     degree over the prime. So "identically zero" is known without numbers.
     """
 
+    #: The tape that was run last, with its registers and values: responses are evaluated again around peaks.
+    compiled_tape: tuple[Any, Any] | None = None
+
     def __init__(self, point: ModularPoint) -> None:
         self.ops: list[tuple[Operation, Any, int]] = []
         self._images: list[Any] = []

@@ -141,6 +141,21 @@ class CompiledProgram(Program):
     def are_opposite(self, a: Register, b: Register) -> bool:  # noqa: D102
         return not self.image(a) + self.image(b)
 
+    def parameters(self, registers: Iterable[Register]) -> set[str]:  # noqa: D102
+        from scipy.sparse import csr_array
+        from scipy.sparse.csgraph import breadth_first_order
+
+        codes, first, second, names = self.arrays()
+        requested, count = np.fromiter(registers, np.int64), len(codes)
+        first[codes == Operation.NEG], second[codes == Operation.NEG] = first[codes == Operation.NEG], 0
+        inner = codes >= Operation.ADD
+        operands = np.column_stack((first, second))[inner].ravel()
+        starts = np.concatenate(([0], np.cumsum(2 * inner), [2 * np.count_nonzero(inner) + len(requested)]))
+        indices = np.concatenate((operands, requested))
+        graph = csr_array((np.ones(len(indices), np.int8), indices, starts), shape=(count + 1, count + 1))
+        needed = breadth_first_order(graph, count, return_predecessors=False)[1:]
+        return {names[k] for k in first[needed[codes[needed] == Operation.PARAMETER]].tolist()}
+
     def divides_by_zero(self, divisors: Iterable[Register], at: PlanResidues) -> bool:
         """Test whether any of these registers, or anything that is divided by, is zero at another point."""
         registers = np.fromiter(divisors, np.int64)

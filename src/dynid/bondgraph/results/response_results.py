@@ -12,7 +12,7 @@ import numpy as np
 
 from dynid.bondgraph.analysis_request import modelled_storages
 from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.graph import Port
+from dynid.bondgraph.graph import ACTIVATED, Port
 from dynid.bondgraph.reduced_graph import ReducedGraph, characteristic_polynomials
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.results.prototype_results import add_ratio
@@ -105,7 +105,11 @@ def add_frequency_response(
         for path, variable in result.items()
         if path.startswith(prefix) and path.endswith("/poles")
     ]
-    if not known_poles and 0 < modelled_storages(reduced) <= PEAKS_NEAR_POLES.value:
+    if (
+        not known_poles
+        and _may_resonate(reduced)
+        and 0 < modelled_storages(reduced) <= PEAKS_NEAR_POLES.value
+    ):
         from dynid.bondgraph.graph_state_space import state_space
 
         known_poles = [np.linalg.eigvals(state_space(reduced).A)]
@@ -115,6 +119,15 @@ def add_frequency_response(
     apart, sums = (imag - real)[resonant], (imag + real)[resonant]  # whose product may overflow
     near = np.concatenate([imag, np.sqrt(apart) * np.sqrt(sums)])
     add_peaks(result, "bond_graph", evaluate, near)
+
+
+def _may_resonate(reduced: ReducedGraph) -> bool:
+    """Test whether poles may be complex: not of positive R and one kind of storage without gyrators."""
+    nodes = reduced.graph.nodes.values()
+    kinds = {node.type for node in nodes}
+    return bool({"I", "C"} <= kinds or kinds & {"GY", ACTIVATED}) or any(
+        node.value is not None and node.value < 0 for node in nodes
+    )
 
 
 def add_time_response(

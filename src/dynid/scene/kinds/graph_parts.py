@@ -168,6 +168,8 @@ class _Lines:
     def attached(self, nodes: list[Node], bonds: list[Bond]) -> BondGraph:
         """Return the graph of other nodes and bonds, with the lines where these attach to them."""
         ends = self._ends
+        if not ends:
+            return BondGraph(nodes, bonds)
         joined = [
             Bond(ends.get(bond.tail, ("", bond.tail))[1], ends.get(bond.head, (bond.head, ""))[0])
             for bond in bonds

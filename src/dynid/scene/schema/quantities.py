@@ -39,7 +39,7 @@ class Quantity:
     @property
     def exact(self) -> Fraction:
         """The value as a fraction; a float by the shortest decimal that prints it."""
-        return to_fraction(self.value)
+        return self.value if type(self.value) is Fraction else to_fraction(self.value)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,117 @@
+"""Counts and first values of the roots of a graph on loops, from its exact state equations.
+
+On loops a program of rational functions fills, and so does the index reduction of the equations that hold
+an output at zero. The state equations stay sparse: their matrix modulo a prime has the natural polynomial,
+and with the feedback -b c the numerator of a channel (the matrix determinant lemma). With the exact degree
+of that an orthogonal staircase takes what lies at infinity off the rounded matrices, and leaves the zeros as
+eigenvalues (Emami-Naeini and Van Dooren 1982).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from dynid.arrays import Array, ComplexArray
+from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, solve
+from dynid.bondgraph.floating.roots import RootCounts
+from dynid.bondgraph.graph import Port
+from dynid.errors import Singular
+
+if TYPE_CHECKING:
+    from dynid.bondgraph.reduced_graph import ReducedGraph
+
+
+class StateCounts:
+    """The exact state equations of the part behind an output, rounded and modulo a prime."""
+
+    def __init__(
+        self, rates: dict[str, LinearForm], output: LinearForm, inputs: Sequence[str], prime: int
+    ) -> None:
+        self._prime, self._size = prime, len(rates)
+        self._rows, self._output = list(rates.values()), output
+        self._column = {("w", name): column for column, name in enumerate(rates)}
+        self._inputs = inputs
+
+    @classmethod
+    def of(cls, reduced: ReducedGraph, port: Port) -> Self | None:
+        """Return those of a port; None where it integrates, or derivatives of an input enter."""
+        if reduced.field is not None or reduced.graph.integrates(port):
+            return None
+        field = NumberField.rational(reduced.graph)
+        system = Descriptor(
+            reduced.structure, reduced.reductions[port].junctions, field, inputs=reduced.inputs
+        )
+        output = system.output(port)
+        try:
+            rates, (form,) = solve(system.equations, [output])
+        except Singular:
+            return None
+        if any(len(symbol) == 3 and symbol[2] for row in (*rates.values(), form) for symbol in row):
+            return None
+        return cls(rates, form, reduced.inputs, reduced.modulo().prime)
+
+    def _dense(self, number: Any, zero: Any, source: str) -> tuple[Any, list[Any], list[Any], Any]:
+        """Return A as a list of rows, b, c and d of a channel, in some numbers."""
+        drive = ("u", source, 0)
+        A = [[zero] * self._size for _ in self._rows]
+        b, c = [zero] * self._size, [zero] * self._size
+        for row, form in enumerate(self._rows):
+            for symbol, value in form.items():
+                if symbol == drive:
+                    b[row] = number(value)
+                elif len(symbol) == 2:
+                    A[row][self._column[symbol]] = number(value)
+        for symbol, value in self._output.items():
+            if len(symbol) == 2:
+                c[self._column[symbol]] = number(value)
+        return A, b, c, number(self._output[drive]) if drive in self._output else zero
+
+    def counts(self, source: str) -> tuple[RootCounts, RootCounts]:
+        """Return the counts of a channel's numerator, with what it hides, and of the natural modes.
+
+        Raises `ZeroDivisionError` where the prime divides a denominator.
+        """
+        from flint import nmod, nmod_mat
+
+        prime = self._prime
+        A, b, c, d = self._dense(
+            lambda value: nmod(int(value.p), prime) / int(value.q), nmod(0, prime), source
+        )
+        natural = nmod_mat(self._size, self._size, [x for row in A for x in row], prime).charpoly()
+        fed = [x - b[i] * y if b[i] else x for i, row in enumerate(A) for x, y in zip(row, c, strict=True)]
+        closed = nmod_mat(self._size, self._size, fed, prime).charpoly()
+        return RootCounts(closed - natural + natural * d), RootCounts(natural)
+
+    def zeros(self, source: str, count: int) -> ComplexArray:
+        """Return first values of the zeros of a channel, hidden modes among them: that many, as is known.
+
+        They are not finite where the channel is so weak that it leaves the range of doubles.
+        """
+        from scipy.linalg import matrix_balance
+
+        A, b, c, d = (
+            np.array(part) for part in self._dense(lambda value: int(value.p) / int(value.q), 0.0, source)
+        )
+        with np.errstate(all="ignore"):
+            A, (scale, _) = matrix_balance(A, permute=False, separate=True)
+            b, c = b / scale, c * scale
+            for _ in range(self._size - count):
+                A, b, c, d = _without_last(A, b, c)
+            A = A - np.outer(b, c) / d
+        if not np.isfinite(A).all():
+            return np.full(count, np.nan, dtype=complex)
+        return np.linalg.eigvals(A).astype(np.complex128)
+
+
+def _without_last(A: Array, b: Array, c: Array) -> tuple[Array, Array, Array, Any]:
+    """Turn the states so that the output is the last one, and hold it at zero: its rate is the new output."""
+    mirror = c / np.linalg.norm(c)
+    mirror[-1] += np.copysign(1.0, mirror[-1])
+    mirror /= np.linalg.norm(mirror)
+    A = A - 2 * np.outer(mirror, mirror @ A)
+    A = A - 2 * np.outer(A @ mirror, mirror)
+    b = b - 2 * mirror * (mirror @ b)
+    return A[:-1, :-1], b[:-1], A[-1, :-1], b[-1]

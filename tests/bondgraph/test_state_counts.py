@@ -1,0 +1,74 @@
+"""Roots of graphs on loops by their state equations, against the reduction over the rationals."""
+
+import numpy as np
+import pytest
+
+from dynid.bench.cases.graph_shapes import _lattice
+from dynid.bondgraph.floating import float_engine
+from dynid.bondgraph.floating.float_engine import FloatEngine
+from dynid.bondgraph.graph import Port
+from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.defaults import Limit
+from dynid.lti.certified_roots import repeated
+from dynid.scene.run import run_scene
+from tests.bondgraph.test_nodal_response import Lattice
+from tests.work import at_most
+
+
+def engines(monkeypatch, graph, outputs):
+    """The engine with state equations, and one with the program's rational functions."""
+    reduced = ReducedGraph(graph, ["u"], outputs, traced=False)
+    by_states = FloatEngine(reduced)
+    monkeypatch.setattr(float_engine, "MANY_LOOPS", Limit(10**6, "{value}"))
+    return by_states, FloatEngine(reduced)
+
+
+@pytest.mark.parametrize(("ground", "link"), [("C", "R"), ("C", "RI"), ("RI", "RC")])
+def test_counts_and_roots_are_those_of_rational_functions(monkeypatch, ground, link):
+    lattice = Lattice(4, 2, ground, link)
+    outputs = [Port("n15", "e"), Port(f"{link[0]}j0_1", "f")]
+    by_states, by_program = engines(monkeypatch, lattice.graph, outputs)
+    assert by_states._states
+    assert not by_program._states
+    for channel in by_program.channels:
+        for counts, expected in zip(by_states.counts[channel], by_program.counts[channel], strict=True):
+            polynomials = [
+                item.polynomial / item.polynomial.leading_coefficient() for item in (counts, expected)
+            ]
+            assert polynomials[0] == polynomials[1]
+        transfer, expected = by_states.channel(channel), by_program.channel(channel)
+        for name in ("zeros", "poles", "hidden_modes"):
+            roots, true = (repeated(getattr(one, name)) for one in (transfer, expected))
+            np.testing.assert_allclose(roots, true, rtol=1e-11, atol=1e-12)
+
+
+def test_a_symmetric_lattice_hides_modes_and_repeats_others(monkeypatch):
+    """Equal values: modes that are antisymmetric about the diagonal reach no corner."""
+    lattice = Lattice(4, decades=0)
+    by_states, by_program = engines(monkeypatch, lattice.graph, [Port("n15", "e")])
+    (channel,) = by_states.channels
+    assert [c.degree for c in by_states.counts[channel]] == [c.degree for c in by_program.counts[channel]]
+    hidden = repeated(by_states.hidden_modes(channel))
+    assert len(hidden) == 16 - by_states.channel(channel).order > 0
+    np.testing.assert_allclose(hidden, repeated(by_program.hidden_modes(channel)), rtol=1e-10)
+
+
+@pytest.mark.parametrize("port", [Port("n15", "p"), Port("u", "e")])
+def test_integrals_and_reactions(monkeypatch, port):
+    lattice = Lattice(4)
+    by_states, by_program = engines(monkeypatch, lattice.graph, [port])
+    assert bool(by_states._states) == (port.quantity != "p")
+    (channel,) = by_program.channels
+    for name in ("zeros", "poles"):
+        roots, true = (repeated(getattr(engine.channel(channel), name)) for engine in (by_states, by_program))
+        np.testing.assert_allclose(roots, true, rtol=1e-11, atol=1e-12)
+
+
+def test_the_roots_of_a_lattice_take_few_operations():
+    """Rational functions took three million calls here, the reduction with the output at zero as many."""
+    scene = _lattice(9).scene("zeros", "poles")
+    run_scene(scene)
+    with at_most(calls=150_000):
+        result = run_scene(scene)
+    (zeros,) = (result[path].data for path in result if path.endswith("/zeros"))
+    assert len(zeros) == 64
