@@ -106,7 +106,7 @@ def unknown_delay(seed: int, estimator=None):
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(3, 6), *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 2, *range(6, 60)))]
+    "seed", [3, 4, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 2, *range(5, 60)))]
 )
 def test_an_unknown_delay_of_either_sign_is_estimated_within_its_error_bars(seed):
     result, late = unknown_delay(seed)

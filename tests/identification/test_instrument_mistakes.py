@@ -331,7 +331,8 @@ def assert_explained(result, gain):
 
 
 @pytest.mark.parametrize(
-    ("end", "gain"), [pytest.param(TIME, 1.3, marks=pytest.mark.slow), (TIME, -1.3), (LINES, 1.3)]
+    ("end", "gain"),
+    [*(pytest.param(TIME, gain, marks=pytest.mark.slow) for gain in (1.3, -1.3)), (LINES, 1.3)],
 )
 def test_a_scene_with_the_suggested_gain_explains_the_record(scene, end, gain):
     table = np.column_stack([force(1), record()[:, 0], gain * record()[:, 2]]), "F,a,v"

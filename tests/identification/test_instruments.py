@@ -100,7 +100,7 @@ def test_derivatives_are_those_of_the_prediction_but_for_free_motions(kind):
         np.testing.assert_allclose(off, 0, atol=(1e-4 if rough else 1e-9) * np.abs(difference).max())
 
 
-@pytest.mark.parametrize("kind", sample(SIGNALS, 1, "chirp"))
+@pytest.mark.parametrize("kind", sample(SIGNALS, 1))
 def test_gains_offsets_and_delays_are_estimated_within_their_bounds(kind):
     result = identify(model(), Experiment(loads(kind), measurement(noise=0.02)))
     group = "identification/parameters"

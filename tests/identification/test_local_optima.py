@@ -81,6 +81,7 @@ def test_starts_that_end_at_different_optima_are_no_optimum():
     assert "the starts end at different optima" in diagnostic(result, "verdict")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("few_starts")
 def test_a_failed_search_does_not_blame_the_record():
     """The record determines every parameter, but all starts end far from the optimum."""

@@ -198,7 +198,7 @@ def test_noise_instead_of_a_record_is_answered_and_rejected():
 
 
 @pytest.mark.usefixtures("poor_starts")
-@pytest.mark.parametrize("factor", [1e-6, 1e6])
+@pytest.mark.parametrize("factor", [1e-6, pytest.param(1e6, marks=pytest.mark.slow)])
 def test_a_record_in_wrong_units_is_refused(factor):
     y, loads = record_at_ten_seconds()
     record = Measurement(0.002, 800, VELOCITIES, y * factor)
