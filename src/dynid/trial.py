@@ -25,6 +25,8 @@ from typing import IO, Any, Self
 
 #: The time that a trial may take, s.
 SECONDS = 30.0
+# Elapsed over processor time, at most: of a machine with many other processes.
+_LOADED = 5.0
 #: Environment that limits linear algebra to one thread.
 ONE_THREAD = dict.fromkeys(
     (
@@ -148,8 +150,8 @@ def survives(function: str, *arguments: str, seconds: float = SECONDS, memory: i
     """Return True if a separate process survives calling a function, False if not, None where none can start.
 
     An error that the function (``package.module:function``) raises counts as a process that could not start;
-    a lack of memory (`memory` as of `ChildProcess`) and one that takes longer than `seconds` as one that did
-    not survive.
+    a lack of memory (`memory` as of `ChildProcess`) and one that takes longer than `seconds`, of processor
+    time where the system limits it, as one that did not survive.
     """
     if not _can_start():
         return None
@@ -157,12 +159,13 @@ def survives(function: str, *arguments: str, seconds: float = SECONDS, memory: i
         child = ChildProcess({"OPENBLAS_NUM_THREADS": "1"}, memory=memory)
     except OSError:
         return None
-    outcome = None
+    outcome, elapsed = None, seconds * (_LOADED if limits_processor_time() else 1.0)
     with child:
         try:
-            child.run(seconds, bool)
+            child.run(elapsed, bool)
             outcome = False  # from here on it has started
-            child.run(seconds, function, *arguments)
+            child.run(elapsed, limit_processor_time, seconds)
+            child.run(elapsed, function, *arguments)
         except (TimeLimitExceeded, MemoryError):
             return False
         except ProcessDied:
