@@ -5,9 +5,10 @@ import pytest
 from scipy.integrate import quad
 
 from dynid.identification.diagnosis.joint_forces import measured_forces, motion_sizes
-from dynid.identification.estimators.maximum_likelihood import OutputError
+from dynid.identification.estimators.maximum_likelihood import OutputError, refine
 from dynid.identification.identify import identify
 from dynid.identification.problem import Problem
+from dynid.parameters import starts
 from dynid.report.figure import figures
 from dynid.structure.joint_laws import BoucWen, Cubic, Gap, Jenkins, Power, QuadraticDamping
 from dynid.structure.joints import Joint, JointParameter
@@ -76,6 +77,23 @@ def test_a_law_that_creates_energy_is_stated_with_amount_and_amplitude():
     assert (result["identification/joints/dissipation_deviation"].data > 0).all()
     names = [figure.name for figure in figures(result)]
     assert {"joint-forces", "joint-force-histories", "joint-dissipation"} <= {*names}
+
+
+@pytest.mark.parametrize("start", [0.0, 1.9e8])
+def test_a_preload_is_estimated_from_a_start_of_zero(start):
+    law = joint_law(Cubic(), [JointParameter(start=start, true=2e8, signed=True)])
+    k, c = JointParameter(start=9950, true=1e4), JointParameter(start=3.9, true=4.0)
+    offset = JointParameter(start=0.0, true=2e-3, signed=True)
+    bolt = Joint("bolt", (1, 2), k, c, laws=(law,), offset=offset)
+    structure = lumped((1.0, 0.7), (Link((1,), 1.5e4, 5.0),), [bolt])
+    problem = Problem.of(structure, experiment(80, 0.005, 12.0))
+    spreads = {unknown.name: unknown.spread for unknown in problem.likelihood.unknowns}
+    assert 1e-4 < spreads["bolt.offset"] < 0.1
+    assert spreads["bolt.k3"] is None or 1e5 < spreads["bolt.k3"] < 1e11
+    likelihood = problem.likelihood
+    fit = refine(likelihood, starts(likelihood.unknowns)).fit
+    deviations = likelihood.information(fit, fit.noise).deviations()
+    assert np.abs((np.abs(fit.eta) - truth(likelihood.records[0])) / deviations).max() < 4  # of either sign
 
 
 def test_passive_laws_are_not_accused():

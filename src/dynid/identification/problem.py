@@ -123,6 +123,8 @@ class Problem:
         clean = [None] * len(measured) if common is None else common.clean
         values = [_values(truth, *pair) for pair in zip(measured, clean, strict=True)]
         model = _with_spreads(model, measured, values)
+        if isinstance(model, StructuralModel) and model.nonlinear:
+            model = _with_law_spreads(model, measured, values)
         problem = cls(model, measured, Likelihood(()), truth, rebuild, full, modes)
         # Spreads of offsets and delays are those of each record: models that have others are not shared.
         if common is not None and common.models and common.models[0].unknowns == model.unknowns:
@@ -260,6 +262,39 @@ def _with_spreads(model: Model, measurements: Sequence[Measured], values: Sequen
             spread = with_spreads(tuple(unknowns.values()), instruments, step, record.rms)
             unknowns = {unknown.name: unknown for unknown in spread}
     return model.with_parameters([unknowns.get(parameter.name, parameter) for parameter in model.parameters])
+
+
+def _with_law_spreads(
+    model: StructuralModel, measurements: Sequence[Measured], values: Sequence[RecordData]
+) -> StructuralModel:
+    """Return the model whose parameters of laws that start at 0 have the spread of their effect.
+
+    An offset may be as large as the deflection at the starts, another one change the response by its size.
+    """
+    names = {
+        unknown.name
+        for unknown in model.law_unknowns
+        if not unknown.logarithmic and unknown.start == 0 and unknown.prior is None
+    }
+    if not names or not isinstance(measurements[0], Experiment):
+        return model
+    from dynid.identification.likelihood.nonlinear_record import NonlinearRecord
+    from dynid.structure.model_laws import with_spreads
+
+    record = NonlinearRecord.of(_model_of_record(model, measurements[0]), values[0], measurements[0], 1)
+    fit = record.fit(starts(model.unknowns), record.data.values)
+    effect = record.predicted(fit).by_parameter / record.data.rms[:, None]
+    sizes = np.sqrt(np.mean(effect**2, axis=(0, 1)))
+    spreads = {
+        unknown.name: 1 / float(size)
+        for unknown, size in zip(model.unknowns, sizes, strict=True)
+        if unknown.name in names and size > 0
+    }
+    peaks = iter(np.abs(record.joint_motion(fit)[0]).max(axis=0).tolist())
+    for joint in model.joints:
+        peak = next(peaks) if joint.laws else 0.0
+        spreads |= {name: peak for name, _ in joint.law_parameters[-1] if name in names and peak > 0}
+    return model.joined(with_spreads(model.joints, spreads))
 
 
 def _model_of_record(model: Model, experiment: Experiment) -> ParametricModel:

@@ -48,6 +48,7 @@ class JointParameter:
     signed: bool = (
         False  # True if it may be negative or zero: of a law, estimated itself, not as its logarithm
     )
+    spread: float | None = None  # what a signed start of 0 may be off by; default: that of a `Parameter`
 
     def __post_init__(self) -> None:
         if self.matrix is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -35,8 +36,23 @@ def law_unknowns(joints: Sequence[Joint], kind: Callable[[Label], str]) -> tuple
                 unit = "" if rotating or place >= len(units) else units[place]
                 scale: Literal["log", "linear"] = "linear" if parameter.signed else "log"
                 numbers = parameter.start, parameter.true, parameter.low, parameter.high, parameter.prior
-                unknowns.append(Parameter(name, *numbers, scale=scale, unit=unit))
+                unknowns.append(Parameter(name, *numbers, scale=scale, unit=unit, spread=parameter.spread))
     return tuple(unknowns)
+
+
+def with_spreads(joints: Sequence[Joint], spreads: Mapping[str, float]) -> Iterator[Joint]:
+    """Yield joints whose parameters of laws may be off by so much, by name."""
+
+    def spread(name: str, parameter: JointParameter) -> JointParameter:
+        return replace(parameter, spread=spreads[name]) if name in spreads else parameter
+
+    for joint in joints:
+        *named, offset = joint.law_parameters
+        laws = tuple(
+            JointLaw(item.law, tuple(spread(*pair) for pair in pairs))
+            for item, pairs in zip(joint.laws, named, strict=True)
+        )
+        yield replace(joint, laws=laws, offset=next((spread(*pair) for pair in offset), None))
 
 
 class ModelLaw(NamedTuple):
