@@ -175,3 +175,30 @@ def test_responses_beyond_the_amplitudes_of_the_records_say_so(tmp_path):
         note = result.group_attrs.get("structure/time_response", {}).get("note", "")
         assert ("in the records by" in note) == beyond
     assert result["identification/joints/range"].data.shape == (1,)
+
+
+def test_joints_between_rotations_have_units_of_angles(tmp_path):
+    path = tmp_path / "scene.yaml"
+    path.write_text("""
+dynid: 1
+kind: identification
+structure: {beam: {elements: 2, length: 0.6, EI: 400, rhoA: 3, supports: [{node: 1, fix: [w]}]}}
+joints:
+  hinge:
+    dofs: [theta_1]
+    k: 2.0e3
+    laws: [{kind: cubic, k3: {start: 1.0e6}}, {kind: jenkins, kt: {start: 8.0e3}, fs: {start: 8}}]
+excitation: [{dof: w_3, kind: multisine, amplitude: [30], frequency: [90]}]
+analysis: {outputs: [{dof: w_3}], time: {step: 0.005, stop: 0.05}}
+""")
+    loaded = load_scene(path)
+    assert {unknown.name: unknown.unit for unknown in structure_of(loaded).unknowns} == {
+        "hinge.k3": "N.m/rad3", "hinge.kt": "N.m/rad", "hinge.fs": "N.m",
+    }  # fmt: skip
+    joints = {
+        name: variable.units for name, variable in dynid.run(loaded).items() if "structure/joints" in name
+    }
+    assert joints["structure/joints/deflection"] == "rad"
+    assert joints["structure/joints/rate"] == "rad/s"
+    assert joints["structure/joints/force"] == "N.m"
+    assert joints["structure/joints/work"] == "J"

@@ -229,6 +229,11 @@ def unit_of(letter: str, kinds: Collection[str]) -> str:
     return {"k": ("N/m", "N.m/rad"), "c": ("N.s/m", "N.m.s/rad"), "m": ("kg", "kg.m^2")}[letter][turning]
 
 
+def angular(unit: str) -> str:
+    """Return the unit over a rotation of one over a deflection: m becomes rad, N a moment."""
+    return unit.replace("m", "rad").replace("N", "N.m")
+
+
 def _block(values: Block) -> tuple[tuple[Real, ...], ...]:
     """Return a block as rows, checked at the reference values of parameters."""
     try:

@@ -19,7 +19,7 @@ from dynid.errors import UsageError
 from dynid.parameters import Parameter, true_values
 from dynid.structure import labels
 from dynid.structure.damping import ModalPart
-from dynid.structure.joints import Joint, unit_of
+from dynid.structure.joints import Joint, angular, unit_of
 from dynid.structure.labels import Label, Nodes
 from dynid.structure.matrices import Matrix, as_array, as_matrix, check_semidefinite, congruent, is_sparse
 from dynid.structure.named_dofs import Motion, NamedDofs
@@ -471,6 +471,13 @@ class StructuralModel(NamedDofs):
         """Rounding of the displacements that a basis gives, by coordinate (n)."""
         assert self.basis is not None
         return np.asarray(_ROUNDING * np.abs(self.basis.parent.expand(self.basis.T)).max(axis=0))
+
+    def deflection_units(self, unit: str) -> list[str]:
+        """Return a unit over the deflection of each joint with laws, some of which are rotations."""
+        turning = [
+            {self.kind(dof) for dof in joint.dofs} == {"rotation"} for joint in self.joints if joint.laws
+        ]
+        return [angular(unit) if turns else unit for turns in turning]
 
     def deflections(self) -> Array:
         """Return the deflections of joints with nonlinear laws, as rows of the displacements (joints x n).

@@ -13,7 +13,7 @@ from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.parameters import Parameter
 from dynid.structure.joint_laws import BoundLaw, Law
-from dynid.structure.joints import Joint, JointLaw, JointParameter
+from dynid.structure.joints import Joint, JointLaw, JointParameter, angular
 from dynid.structure.labels import Label
 
 # Relative step of central differences of tangents by parameters: the root of round-off.
@@ -27,13 +27,14 @@ def law_unknowns(joints: Sequence[Joint], kind: Callable[[Label], str]) -> tuple
     """
     unknowns = []
     for joint in joints:
-        rotating = "rotation" in {kind(dof) for dof in joint.dofs}
+        kinds = {kind(dof) for dof in joint.dofs}
         for item, named in zip((*joint.laws, None), joint.law_parameters, strict=True):
             units = ("m",) if item is None else item.law.units
             for place, (name, parameter) in enumerate(named):
                 if parameter.start is None:
                     continue
-                unit = "" if rotating or place >= len(units) else units[place]
+                unit = "" if "unknown" in kinds or place >= len(units) else units[place]
+                unit = angular(unit) if kinds == {"rotation"} else unit
                 scale: Literal["log", "linear"] = "linear" if parameter.signed else "log"
                 numbers = parameter.start, parameter.true, parameter.low, parameter.high, parameter.prior
                 unknowns.append(Parameter(name, *numbers, scale=scale, unit=unit, spread=parameter.spread))

@@ -110,6 +110,7 @@ def created_energy(posterior: Posterior) -> Iterator[str]:
     """Yield one sentence for each law that creates energy, as estimated, at an amplitude of its records."""
     records: Any = posterior.likelihood.records
     peaks, rates = motion_sizes(records, posterior.fit.parts)
+    units = records[0].structure.deflection_units("m")
     for name, bound in records[0].laws_at(posterior.fit.eta):
         peak, rate = float(peaks[bound.row]), float(rates[bound.row])
         work = np.array([bound.cycle_work(float(fraction) * peak, rate) for fraction in FRACTIONS])
@@ -124,6 +125,7 @@ def created_energy(posterior: Posterior) -> Iterator[str]:
         if work[worst] < -_CREATED_TOL * size:
             yield (
                 f"the law {bound.law.kind} of joint {name}, as estimated, creates energy: "
-                f"{general(-work[worst])} J in a cycle at an amplitude of {general(amplitude)} m; responses "
-                "with it may grow without bound: give limits to its parameters, or choose another law"
+                f"{general(-work[worst])} J in a cycle at an amplitude of {general(amplitude)} "
+                f"{units[bound.row]}; responses with it may grow without bound: give limits to its "
+                "parameters, or choose another law"
             )

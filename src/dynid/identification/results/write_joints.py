@@ -20,7 +20,7 @@ from dynid.identification.likelihood.record_likelihood import RecordFit
 from dynid.identification.likelihood.time_record import initial_root, stored_rows
 from dynid.number_format import general
 from dynid.parameters import named
-from dynid.result import Result
+from dynid.result import Result, common_unit
 
 GROUP = "identification/joints"
 # Deflections beyond the range by less than this part are within it.
@@ -39,11 +39,13 @@ def add_joints(
 ) -> None:
     """Add the joints with laws; `root`: of the covariance of coordinates (p x p); `groups`: of records."""
     peaks, rates = motion_sizes(records, fits)
-    joints = [joint.name for joint in records[0].structure.joints if joint.laws]
+    model = records[0].structure
+    joints = [joint.name for joint in model.joints if joint.laws]
+    length, force = (common_unit(model.deflection_units(unit)) for unit in ("m", "N"))
     result.add_axis(f"{GROUP}/joint", joints)
-    result.add(f"{GROUP}/range", peaks, ("joint",), "m")
+    result.add(f"{GROUP}/range", peaks, ("joint",), length)
     result.add_axis(f"{GROUP}/fraction", FRACTIONS)
-    result.add(f"{GROUP}/amplitude", FRACTIONS[:, None] * peaks, ("fraction", "joint"), "m")
+    result.add(f"{GROUP}/amplitude", FRACTIONS[:, None] * peaks, ("fraction", "joint"), length)
     eta = fits[0].eta
     energy = _energy(records[0], eta, peaks, rates)
     slopes = []
@@ -56,7 +58,7 @@ def add_joints(
     dims = ("fraction", "joint")
     result.add_all(GROUP, dims, "J", dissipation=energy, dissipation_deviation=deviation)
     for record, fit, level, group in zip(records, fits, noise, groups, strict=True):
-        _add_record(result, record, fit, level, root, group, joints, rates)
+        _add_record(result, record, fit, level, root, group, joints, rates, (length, force))
 
 
 def _energy(record: NonlinearRecord, eta: Array, peaks: Array, rates: Array) -> Array:
@@ -86,6 +88,7 @@ def _add_record(
     group: str,
     joints: Sequence[str],
     rates: Array,
+    units: tuple[str, str],
 ) -> None:
     """Add deflections, forces and regimes over the time of a record."""
     motion, slopes = record.joint_forces(fit)
@@ -95,8 +98,8 @@ def _add_record(
         result.add_axis(f"{group}/joint", joints)
     deviation = np.linalg.norm(slopes[rows] @ initial_root(record, fit, noise, root), axis=2)
     dims = ("time", "joint")
-    result.add(f"{group}/deflection", motion.deflections[rows], dims, "m")
-    result.add_all(group, dims, "N", force=motion.forces[rows], force_deviation=deviation)
+    result.add(f"{group}/deflection", motion.deflections[rows], dims, units[0])
+    result.add_all(group, dims, units[1], force=motion.forces[rows], force_deviation=deviation)
     rate = float(rates.max())
     if (shown := measured_forces(record, fit, noise, motion.deflections, motion.forces, rate)) is not None:
         columns = []
@@ -104,8 +107,8 @@ def _add_record(
             full = np.full(motion.forces.shape, np.nan)
             full[: len(values)] = values
             columns.append(full[rows])
-        result.add(f"{group}/measured_deflection", columns[0], dims, "m")
-        result.add_all(group, dims, "N", measured_force=columns[1], measured_deviation=columns[2])
+        result.add(f"{group}/measured_deflection", columns[0], dims, units[0])
+        result.add_all(group, dims, units[1], measured_force=columns[1], measured_deviation=columns[2])
     laws = [f"{name}.{bound.law.kind}" for name, bound in record.laws_at(fit.eta)]
     result.add_axis(f"{group}/law", laws)
     result.add(f"{group}/regime", motion.regimes[rows].astype(np.int64), ("time", "law"))
@@ -116,8 +119,9 @@ def beyond_range(result: Result) -> str:
     if f"{GROUP}/range" not in result or "structure/joints/deflection" not in result:
         return ""
     peaks = np.abs(result["structure/joints/deflection"].data).max(axis=0)
+    unit = result["structure/joints/deflection"].units or "SI"
     beyond = [
-        f"{name} deflects by {general(peak)} m, in the records by {general(most)} m"
+        f"{name} deflects by {general(peak)} {unit}, in the records by {general(most)} {unit}"
         for name, peak, most in zip(
             result[f"{GROUP}/joint"].data, peaks, result[f"{GROUP}/range"].data, strict=True
         )

@@ -375,7 +375,12 @@ def _restoring_forces(result: Result, group: str) -> Chart:
             ]
             columns |= {f"{name} measured deflection (m)": at, f"{name} measured force (N)": measured}
         subplots.append(
-            Subplot(PlotAxis(f"{name} deflection (m)"), PlotAxis("force of laws (N)"), layers, height=260.0)
+            Subplot(
+                PlotAxis(f"{name} deflection ({_unit(result, f'{group}/deflection')})"),
+                PlotAxis(f"force of laws ({_unit(result, f'{group}/force')})"),
+                layers,
+                height=260.0,
+            )
         )
     about = (
         "Force of the laws over the deflection, without the linear spring and damper beside them. The force "
@@ -412,7 +417,14 @@ def _force_histories(result: Result, group: str) -> Chart:
             Curve(time, force, "model", series_class(0)),
         ]
         columns |= {f"{name} force (N)": force, f"{name} standard error (N)": error}
-        subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(f"force of {name} (N)"), layers, height=170.0))
+        subplots.append(
+            Subplot(
+                PlotAxis("time (s)"),
+                PlotAxis(f"force of {name} ({_unit(result, f'{group}/force')})"),
+                layers,
+                height=170.0,
+            )
+        )
     regimes = result[f"{group}/regime"].data
     for k, law in enumerate(texts(result, f"{group}/law")[:_JOINTS]):
         values = np.asarray(regimes[:, k], dtype=float)
@@ -441,7 +453,7 @@ def _dissipation(result: Result) -> Chart:
             BandLayer(amplitude[:, k], energy[:, k] - half, energy[:, k] + half, "95 %", series_class(0)),
             Curve(amplitude[:, k], energy[:, k], "", series_class(0)),
         ]
-        across = PlotAxis(f"{name} amplitude (m)")
+        across = PlotAxis(f"{name} amplitude ({_unit(result, f'{_IDENTIFIED}/amplitude')})")
         subplots.append(Subplot(across, PlotAxis("energy a cycle (J)"), layers, height=180.0))
         columns |= {
             f"{name} amplitude (m)": amplitude[:, k], f"{name} energy (J)": energy[:, k],
@@ -462,19 +474,25 @@ def _columns(result: Result, name: str) -> dict[str, Array]:
     return {label: np.asarray(data[:, k], dtype=float) for k, label in enumerate(names)}
 
 
+def _unit(result: Result, path: str) -> str:
+    """Return the unit of an array of joints; some have rotations beside displacements."""
+    return result[path].units or "SI"
+
+
 def _loops(result: Result) -> Chart:
     """Return the force of the laws over the deflection: loops enclose the energy that a joint dissipates."""
     deflections, forces = _columns(result, "deflection"), _columns(result, "force")
     subplots = [
         Subplot(
-            PlotAxis(f"{name} deflection (m)"),
-            PlotAxis("force of laws (N)"),
+            PlotAxis(f"{name} deflection ({_unit(result, f'{_GROUP}/deflection')})"),
+            PlotAxis(f"force of laws ({_unit(result, f'{_GROUP}/force')})"),
             [Curve(deflections[name], force, "", series_class(0))],
         )
         for name, force in forces.items()
     ]
     ranges = [
-        f"{name}: up to {short(float(np.abs(d).max(initial=0.0)))} m" for name, d in deflections.items()
+        f"{name}: up to {short(float(np.abs(d).max(initial=0.0)))} {_unit(result, f'{_GROUP}/deflection')}"
+        for name, d in deflections.items()
     ]
     table = table_of(
         {f"{name} {what}": values for name in forces for what, values in

@@ -14,7 +14,7 @@ from dynid.lti.generator import Signal
 from dynid.lti.signals import Impulse, Random
 from dynid.lti.time_response import TimeResponse, timeline
 from dynid.lti.waveforms import sum_lines
-from dynid.result import Result
+from dynid.result import Result, common_unit
 from dynid.structure.excitation import Excitation
 from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.model import StructuralModel
@@ -22,6 +22,9 @@ from dynid.structure.model_laws import model_laws
 from dynid.structure.nonlinear.march import Accuracy, accurate_march
 from dynid.structure.nonlinear.tables import LinearRest, Motion
 from dynid.structure.state_space import massless_motion
+
+# Units of what joints have over time, over deflections.
+_UNITS = {"deflection": "m", "rate": "m/s", "force": "N", "work": "J"}
 
 
 class _JointMotion(NamedTuple):
@@ -40,6 +43,7 @@ class _JointMotion(NamedTuple):
     regime: Array
     accuracy: Accuracy
     events: int
+    units: dict[str, str]  # of the arrays, where all joints have the same
 
 
 @guarded("the time response")
@@ -111,6 +115,7 @@ def nonlinear_response(
         followed.regimes.astype(np.int64),
         accuracy,
         followed.events,
+        {name: common_unit(model.deflection_units(unit)) for name, unit in _UNITS.items()},
     )
 
 
@@ -143,8 +148,7 @@ def add_joints(result: Result, motion: _JointMotion, times: Array) -> None:
     result.add_axis(f"{group}/time", times, "s")
     result.add_axis(f"{group}/joint", list(motion.names))
     result.add_axis(f"{group}/law", list(motion.laws))
-    units = {"deflection": "m", "rate": "m/s", "force": "N", "work": "J"}
-    for name, unit in units.items():
+    for name, unit in motion.units.items():
         result.add(f"{group}/{name}", getattr(motion, name), ("time", "joint"), unit)
     result.add(f"{group}/regime", motion.regime, ("time", "law"))
     result.annotate(
