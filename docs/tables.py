@@ -188,9 +188,8 @@ def save(name: str, title: str, *row: Subplot) -> None:
     (HERE / f"tables-{name}.svg").write_text(on_paper(picture.svg), encoding="utf-8")
 
 
-def main() -> None:
-    """Run everything once; write the tables and draw the figures."""
-    results = {number: run(number) for number in PAPER}
+def page(results: dict) -> str:
+    """Return the page of all tables."""
     parts = [
         HEADER,
         table(1, "suspension, clean", results[1]),
@@ -202,8 +201,15 @@ def main() -> None:
         "## Figures\n",
         FIGURES,
     ]
-    if sys.argv[1:] != ["--pictures"]:
-        (HERE / "tables.md").write_text("\n".join(parts), encoding="utf-8")
+    return "\n".join(parts)
+
+
+def main() -> None:
+    """Run everything once; write the tables and draw the figures, which are of the first four."""
+    pictures = sys.argv[1:] == ["--pictures"]
+    results = {number: run(number) for number in ((1, 2, 3, 4) if pictures else PAPER)}
+    if not pictures:
+        (HERE / "tables.md").write_text(page(results), encoding="utf-8")
     save(
         "suspension",
         "Joints of the suspension, identified",
