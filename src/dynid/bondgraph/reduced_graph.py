@@ -263,7 +263,8 @@ class ReducedGraph(GraphProgram):
     @cached_property
     def structure(self) -> JunctionStructure:
         """The junction structure of the graph."""
-        return JunctionStructure(self._drawn)
+        with no_collection():
+            return JunctionStructure(self._drawn)
 
     def with_values(self, values: Mapping[str, Fraction]) -> Self:
         """Return the plan with other values of some elements, for which it is known to hold."""
@@ -278,7 +279,8 @@ class ReducedGraph(GraphProgram):
             return None
         from dynid.bondgraph.nodal_response import NodalResponse
 
-        return NodalResponse.of(self.structure, self.inputs, self.outputs)
+        with no_collection():
+            return NodalResponse.of(self.structure, self.inputs, self.outputs)
 
     def __getattr__(self, name: str) -> Any:
         """Plan a graph whose response needs no program, where something else does."""
@@ -380,7 +382,7 @@ class ReducedGraph(GraphProgram):
         kept = program.parameters([*reduction.channels.values(), *reduction.pivots, *parts])
         kept |= {source for source, register in reduction.channels.items() if not program.is_zero(register)}
         kept.add(port.node)
-        fixing = self.structure.junctions[reduction.root].fixing
+        fixing = reduction.network.root.fixing
         if fixing is not None:
             kept.add(fixing)
         inside = set(reduction.modelled)

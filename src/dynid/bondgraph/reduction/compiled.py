@@ -11,13 +11,14 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
+from itertools import compress
 from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.graph import BondGraph, Port
+from dynid.bondgraph.graph import JUNCTIONS, NUMBER_OF_TYPE, TWO_PORTS, BondGraph, Port
 from dynid.bondgraph.program.program import ModularPoint, Operation, Program, Register
 from dynid.bondgraph.reduction.junctions import Junction, JunctionStructure, NameRegistry
 from dynid.bondgraph.reduction.network import STORED, Immittance, NodalNetwork, NodeRow
@@ -221,6 +222,7 @@ def compiled_reductions(
             [names[element] for element in elements.tolist()],
             graph,
             structure,
+            (junction_of, fixing, rows),
         )
         work = JunctionElimination(net, NoTrace())
         work.pivots = pivots.tolist()
@@ -255,12 +257,23 @@ class _RootAlone(NodalNetwork):
         elements: list[str],
         graph: BondGraph,
         structure: Callable[[], JunctionStructure],
+        places: tuple[Integers, Integers, Integers],
     ) -> None:
         self.program, self.inputs, self.graph, self.elements = program, tuple(inputs), graph, elements
         self._kept = frozenset(inputs)
         self.root = NodeRow(root, 0)
         self.junctions = tuple(junctions)
-        self._made = structure
+        self._made, self._places = structure, places
+
+    def modelled(self, driving: frozenset[str]) -> tuple[str, ...]:
+        graph, (junction_of, fixing, rows) = self.graph, self._places
+        if np.isin(graph.kinds, [NUMBER_OF_TYPE[kind] for kind in TWO_PORTS]).any():
+            return super().modelled(driving)
+        drivers = [graph.numbers[name] for name in driving]
+        is_junction = np.isin(graph.kinds, [NUMBER_OF_TYPE[kind] for kind in JUNCTIONS])
+        inside = np.isin(junction_of, rows) | (is_junction & np.isin(fixing, drivers)[junction_of])
+        inside[drivers] = True
+        return tuple(compress(graph.nodes, inside.tolist()))
 
     @cached_property
     def structure(self) -> JunctionStructure:  # type: ignore[override]

@@ -115,6 +115,18 @@ class NodalNetwork:
         """The rows that are not eliminated."""
         return [row for row in self.rows.values() if not row.gone]
 
+    def modelled(self, driving: frozenset[str]) -> tuple[str, ...]:
+        """Return the nodes on the junctions, and what drives them from outside: `driving`."""
+        structure, reached = self.structure, set(self.junctions)
+        inside = {name for name, junction in structure.place.items() if junction in reached} | driving
+        for junction in structure.junctions.values():
+            if junction.fixing in driving:  # the port depends on it through its known variable only
+                inside.update(junction.members)
+        for coupling in structure.couplings:
+            if coupling.two_port is not None and reached & {coupling.tail, coupling.head}:
+                inside.add(coupling.two_port)
+        return tuple(name for name in structure.graph.nodes if name in inside)
+
     def immittance(self, name: str, row: NodeRow) -> Register:
         """Write the impedance of an element on a 1-junction, its admittance on a 0-junction."""
         program, node = self.program, self.graph.nodes[name]

@@ -243,15 +243,7 @@ class Reduction:
     @cached_property
     def modelled(self) -> tuple[str, ...]:
         """The nodes on the junctions that were reduced, and what drives them from outside."""
-        structure, reached = self.structure, set(self.junctions)
-        inside = {name for name, junction in structure.place.items() if junction in reached} | self.driving
-        for junction in structure.junctions.values():
-            if junction.fixing in self.driving:  # the port depends on it through its known variable only
-                inside.update(junction.members)
-        for coupling in structure.couplings:
-            if coupling.two_port is not None and reached & {coupling.tail, coupling.head}:
-                inside.add(coupling.two_port)
-        return tuple(name for name in structure.graph.nodes if name in inside)
+        return self.network.modelled(self.driving)
 
     @cached_property
     def dropped(self) -> tuple[str, ...]:

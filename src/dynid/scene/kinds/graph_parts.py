@@ -13,7 +13,7 @@ from dynid.arithmetic.expression import Expression, parse
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import Number
 from dynid.bondgraph.field_expansion import Expansion, FieldType, expand_coupling, expand_field
-from dynid.bondgraph.graph import LINE, TWO_PORTS, Bond, BondGraph, Node, NodeType, Port
+from dynid.bondgraph.graph import LINE, TWO_PORTS, Bond, BondGraph, Node, NodeType, Port, no_collection
 from dynid.errors import DynidError
 from dynid.model_scope import ScopePart
 from dynid.scene.schema.laws import variables_of
@@ -47,6 +47,7 @@ class BuiltGraph(NamedTuple):
     law_outputs: tuple[Port, ...] = ()  #: The requested variables, as the graph with laws has them.
 
 
+@no_collection()
 def build_graph(
     scene: Scene,
     graph: GraphModel,
