@@ -17,6 +17,8 @@ import numpy as np
 from flint import Ordering, acb, acb_poly, arb, ctx, fmpq, fmpz_mpoly_ctx, fmpz_poly
 from numpy.typing import NDArray
 
+from dynid.arrays import ComplexArray
+
 #: Most frequencies at which a phase is followed, some seconds, and halvings of their steps.
 _MAX_PHASE_POINTS, _PHASE_HALVINGS = 20_000, 30
 #: Working precision, bits.
@@ -254,34 +256,37 @@ def refined_root(function: QuasiPolynomial, start: complex) -> RefinedRoot | Non
     return None
 
 
-def polished_roots(
-    functions: Sequence[QuasiPolynomial], factors: Sequence[float], starts: Sequence[complex]
-) -> list[complex]:
-    """Return the roots of a sum of functions times factors to which Newton's method leads, in doubles."""
-    weights = [
-        (float(delay), np.array([int(c) / scale for c in reversed(polynomial.coeffs())]) * factor)
-        for scale in [max(abs(int(c)) for f in functions for p in f.terms.values() for c in p.coeffs())]
-        for function, factor in zip(functions, factors, strict=True)
-        for delay, polynomial in function.terms.items()
-    ]
-    s = np.array([start for start in starts if start.imag >= 0], complex)
-    step = np.full(len(s), np.inf, complex)
-    with np.errstate(all="ignore"):
-        for _ in range(_POLISHING_STEPS):
-            value, slope = np.zeros(len(s), complex), np.zeros(len(s), complex)
-            for delay, coefficients in weights:
-                factor, at = np.exp(-delay * s), np.polyval(coefficients, s)
-                value += factor * at
-                slope += factor * (np.polyval(np.polyder(coefficients), s) - delay * at)
-            step = np.where(value == 0, 0, value / slope)
-            s = s - step
-    roots: list[complex] = []
-    reached = s[np.abs(step) <= _POLISHED_RTOL * np.abs(s)]
-    real = np.abs(reached.imag) <= _POLISHED_RTOL * np.abs(reached)
-    for root in np.where(real, reached.real, reached.real + 1j * np.abs(reached.imag)).tolist():
-        if all(abs(root - other) > _POLISHED_RTOL * abs(root) for other in roots):
-            roots += [root, root.conjugate()] if root.imag else [root]
-    return roots
+class Polished:
+    """Roots of ``k N + D`` by Newton's method in doubles, of many first values at once."""
+
+    def __init__(self, functions: Sequence[QuasiPolynomial]) -> None:
+        scale = max(abs(int(c)) for f in functions for p in f.terms.values() for c in p.coeffs())
+        self._terms = [
+            (number, float(delay), coefficients, np.polyder(coefficients))
+            for number, function in enumerate(functions)
+            for delay, polynomial in function.terms.items()
+            for coefficients in [np.array([int(c) / scale for c in reversed(polynomial.coeffs())])]
+        ]
+
+    def reached(self, starts: ComplexArray, factors: Sequence[float]) -> ComplexArray:
+        """Return the roots to which first values lead, in their order; inf where to none, or one before."""
+        s, step = np.array(starts, complex), np.full(len(starts), np.inf, complex)
+        with np.errstate(all="ignore"):
+            for _ in range(_POLISHING_STEPS):
+                value, slope = np.zeros(len(s), complex), np.zeros(len(s), complex)
+                for number, delay, coefficients, rates in self._terms:
+                    factor, at = factors[number] * np.exp(-delay * s), np.polyval(coefficients, s)
+                    value += factor * at
+                    slope += factor * (np.polyval(rates, s) - delay * at)
+                step = np.where(value == 0, 0, value / slope)
+                s = s - step
+                if not np.any(np.abs(step) > _POLISHED_RTOL**2 * np.abs(s)):
+                    break
+            real = np.abs(s.imag) <= _POLISHED_RTOL * np.abs(s)
+            s = np.where(real, s.real, s)
+            near = np.abs(s[:, None] - s) <= _POLISHED_RTOL * np.abs(s)
+            good = (np.abs(step) <= _POLISHED_RTOL * np.abs(s)) & ~np.tril(near, -1).any(axis=1)
+        return np.where(good, s, np.inf)
 
 
 # --- values ----------------------------------------------------------------------------------------

@@ -28,10 +28,10 @@ from dynid.lti.enclosures import EVALUATIONS
 from dynid.lti.margins import CHANGES, Margins
 from dynid.lti.quasi_polynomials import (
     PRECISION,
+    Polished,
     QuasiPolynomial,
     continuous_phase,
     on_axis,
-    polished_roots,
 )
 from dynid.lti.stability import Verdict
 from dynid.number_format import counted, roots_text
@@ -58,6 +58,8 @@ _LOCUS_NOTE = (
     "roots with the delays as they are, of infinitely many those that approximants of order "
     f"{PADE_ORDER} lead to"
 )
+#: Gains after which roots of approximants start further branches.
+_RESTARTS = 8
 #: Largest degree of a root locus.
 _MAX_LOCUS_DEGREE = 60
 
@@ -301,15 +303,17 @@ def _add_locus(
     if not 0 < degree <= _MAX_LOCUS_DEGREE or top == 0:
         return
     gains, zeros = _gains(top, bottom, work), _values(root_balls(top, work=work))
-    if late is not None:
-        zeros = polished_roots(late[:1], [1.0], zeros)
-    poles = np.full((len(gains), degree), np.inf, dtype=complex)
-    values: list[complex] = []
-    for row, gain in enumerate(gains.tolist()):
-        share, of = gain.as_integer_ratio()
-        values = _values(root_balls(bottom * of + top * share, values, work))
-        roots = values if late is None else polished_roots(late, [gain, 1.0], values)
-        poles[row] = _following(poles[row - 1] if row else None, roots, degree)
+    if late is None:
+        poles = np.full((len(gains), degree), np.inf, dtype=complex)
+        values: list[complex] = []
+        for row, gain in enumerate(gains.tolist()):
+            share, of = gain.as_integer_ratio()
+            values = _values(root_balls(bottom * of + top * share, values, work))
+            poles[row] = _following(poles[row - 1] if row else None, values, degree)
+    else:
+        poles = _late_branches(Polished(late), polynomials, gains, degree)
+        reached = Polished(late[:1]).reached(np.array(zeros), [1.0])
+        zeros = reached[np.isfinite(reached)].tolist()
     note = {} if late is None else {"note": _LOCUS_NOTE}
     unit = {"s": "rad/s", "z": ""}[plane]
     result.annotate(group, loop=name, plane=plane, **note)
@@ -317,6 +321,29 @@ def _add_locus(
     result.add_axis(f"{group}/branch", np.arange(1, degree + 1))
     result.add(f"{group}/poles", poles, ("gain", "branch"), unit)
     result.add_numbered(f"{group}/zero", np.array(zeros, dtype=complex), unit)
+
+
+def _late_branches(
+    functions: Polished, polynomials: Sequence[Any], gains: NDArray[np.float64], degree: int
+) -> NDArray[np.complex128]:
+    """Return the roots of k N + D with delays (gain x branch): each from that at the gain before.
+
+    Roots of approximants start further branches at some gains.
+    """
+    top, bottom = (np.array([int(c) for c in reversed(p.coeffs())], dtype=object) for p in polynomials)
+    scale = max(map(abs, [*top, *bottom]))
+    top, bottom = np.asarray(top / scale, float), np.asarray(bottom / scale, float)
+    branches, poles = np.full(degree, np.inf, complex), []
+    for row, gain in enumerate(gains.tolist()):
+        starts = branches
+        if row % _RESTARTS == 0:
+            starts = np.concatenate([branches, np.roots(np.polyadd(gain * top, bottom))])
+        roots = functions.reached(starts, [gain, 1.0])
+        branches, further = roots[:degree], roots[degree:][np.isfinite(roots[degree:])]
+        free = np.flatnonzero(np.isinf(branches))[: len(further)]
+        branches[free] = further[: len(free)]
+        poles.append(branches.copy())
+    return np.array(poles)
 
 
 def _gains(top: Any, bottom: Any, work: Work) -> NDArray[np.float64]:
