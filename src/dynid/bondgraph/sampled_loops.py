@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import count, takewhile
 from typing import Any, NamedTuple
 
@@ -109,6 +109,7 @@ class SampledLoops:
             for loop in self.loops
         ]
         self._generic = CutLoops(opened, [*generic, *self.continuous])
+        self._discrete = dict[tuple[Fraction, int], list[DiscreteController]]()
         self.plant = self._plant()
         self._equations = SampledEquations(self.plant, self.controllers)
         self.controllers(self.period)  # raises
@@ -136,10 +137,14 @@ class SampledLoops:
 
     def controllers(self, period: Fraction) -> list[DiscreteController]:
         """Return the controllers, made discrete for a period, s, in balls of the working precision."""
-        return [
-            discrete_controller(*quotient, timing.method, period, loop.place)
-            for quotient, timing, loop in zip(self._quotients, self._timing, self.loops, strict=True)
-        ]
+        from flint import ctx
+
+        if (period, ctx.prec) not in self._discrete:
+            self._discrete[period, ctx.prec] = [
+                discrete_controller(*quotient, timing.method, period, loop.place)
+                for quotient, timing, loop in zip(self._quotients, self._timing, self.loops, strict=True)
+            ]
+        return self._discrete[period, ctx.prec]
 
     def float_controllers(self) -> tuple[SampledController, ...]:
         """Return the controllers in doubles."""
@@ -338,6 +343,7 @@ class SampledLoops:
         """
         period = float(self.period)
 
+        @cache
         def slack(rest: float) -> float:
             delays = list(self.computations)
             delays[number] += Fraction(rest)
@@ -383,7 +389,7 @@ def outside_verdict(outside: int, largest: float) -> Verdict:
 def _first_change(function: Callable[[float], float], trials: Iterable[float]) -> float:
     """Return the first zero of a function between trials, by false position; inf where it keeps its sign.
 
-    As a secant that keeps an end twice halves its value there (Illinois), some ten values suffice.
+    A secant that keeps an end twice lowers the value there as the new one fell (Anderson & Björck 1973).
     """
     low, below = math.nan, math.nan
     for trial in trials:
@@ -400,7 +406,8 @@ def _first_change(function: Callable[[float], float], trials: Iterable[float]) -
         if value * above < 0:
             low, below = high, above
         else:
-            below /= 2
+            fall = 1 - value / above
+            below *= fall if 0 < fall < 1 else 0.5
         change, high, above = abs(middle - high), middle, value
         if not value or change <= _LIMIT_RTOL * abs(high):
             break
