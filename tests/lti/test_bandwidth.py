@@ -1,6 +1,7 @@
 """Bandwidth and resonance against closed forms."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -93,3 +94,30 @@ def test_the_response_at_the_bandwidth_is_half_the_power(above, below):
         assert (size(grid) >= size(0) / math.sqrt(2) * (1 - 1e-9)).all()
     if found.peak_gain < math.inf:
         assert (size(np.geomspace(1e-3, 1e3, 200)) <= found.peak_gain * (1 + 1e-9)).all()
+
+
+@pytest.mark.parametrize(("kp", "ki", "delay"), [("1.5", "0.7", "0.5"), ("1", "0.9", "0.6")])
+def test_delays_are_in_the_bandwidth_as_they_are(kp, ki, delay):
+    """T of (kp s + ki) exp(-s τ)/(s (s + 1)^2), closed, whose levels and maximum mpmath refines."""
+    import mpmath as mp
+
+    from dynid.lti.delay_bandwidth import delayed_bandwidth
+    from dynid.lti.quasi_polynomials import QuasiPolynomial
+
+    p, i, tau = Fraction(kp), Fraction(ki), Fraction(delay)
+    above = QuasiPolynomial({tau: fmpz_poly([int(10 * i), int(10 * p)])})
+    below = QuasiPolynomial({Fraction(0): fmpz_poly([0, 10, 20, 10])}) + above
+    band = delayed_bandwidth(above, below)
+    with mp.workdps(40):
+
+        def size(omega):
+            s = mp.mpc(0, omega)
+            L = (mp.mpf(kp) + mp.mpf(ki) / s) * mp.exp(-s * mp.mpf(delay)) / (s + 1) ** 2
+            return abs(L / (1 + L))
+
+        rest = mp.mpf(1)
+        assert abs(size(band.bandwidth) / (rest / mp.sqrt(2)) - 1) < 1e-14
+        assert all(size(omega) > rest / mp.sqrt(2) for omega in mp.linspace(0.01, band.bandwidth * 0.999, 60))
+        assert abs(size(band.peak_frequency) / band.peak_gain - 1) < 1e-14
+        assert all(size(omega) <= band.peak_gain * (1 + 1e-14) for omega in mp.linspace(0.01, 12, 400))
+        assert abs(size(band.half_power_high) / (band.peak_gain / mp.sqrt(2)) - 1) < 1e-14

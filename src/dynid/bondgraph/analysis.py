@@ -177,12 +177,16 @@ def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) 
     if asked & {"step_info", "bandwidth"}:
         from dynid.bondgraph.results.characteristics import add_characteristics
 
-        steps = None
-        if "step_info" in asked and any(loop.delayed for loop in analysis.loops):
-            from dynid.bondgraph.results.delayed_channels import channel_steps
+        steps = bandwidths = None
+        if any(loop.delayed for loop in analysis.loops):
+            from dynid.bondgraph.results.delayed_channels import channel_bandwidths, channel_steps
 
-            steps = channel_steps(reduced, analysis, analysis.opened_as_read)
-        add_characteristics(result, reduced, asked, steps)
+            opened = analysis.opened_as_read
+            if "step_info" in asked:
+                steps = channel_steps(reduced, analysis, opened)
+            if "bandwidth" in asked:
+                bandwidths = channel_bandwidths(reduced, analysis, opened)
+        add_characteristics(result, reduced, asked, steps, bandwidths)
     if asked & {"energy", "source_performance"}:
         from dynid.bondgraph.results.energy import add_energy, add_source_performance
 

@@ -60,7 +60,7 @@ def delay_margins(
     """
     verdict = verdict or stability(numerator + denominator)
     margins = dict.fromkeys(_SEARCHED, math.nan)
-    loop, reasons = _Loop(numerator, denominator, search // 4), dict[str, None]()
+    loop, reasons = LoopSearch(numerator, denominator, search // 4), dict[str, None]()
     with ctx.workprec(PRECISION):
         if loop.apart:
             for add in (loop.gain_crossings, loop.phase_crossings, loop.extremes):
@@ -97,8 +97,8 @@ class _Measure(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Loop:
-    """The loop L = A/B."""
+class LoopSearch:
+    """Crossings and extremes of a loop L = A/B; `search`: the terms that each may examine."""
 
     top: QuasiPolynomial
     bottom: QuasiPolynomial
@@ -106,6 +106,7 @@ class _Loop:
 
     @cached_property
     def closed(self) -> QuasiPolynomial:
+        """A + B."""
         return self.top + self.bottom
 
     @cached_property
@@ -115,6 +116,7 @@ class _Loop:
 
     @cached_property
     def degree(self) -> int:
+        """The largest degree of A and B."""
         return max(self.top.degree, self.bottom.degree)
 
     @cached_property
@@ -133,6 +135,7 @@ class _Loop:
         return critical_gains(*self.operators)
 
     def __call__(self, omega: float) -> complex:
+        """Return L at a frequency."""
         s = acb(0, omega)
         value = self.top.balls.values(s)[0] / self.bottom.balls.values(s)[0]
         return complex(float(value.real.mid()), float(value.imag.mid()))
@@ -147,14 +150,10 @@ class _Loop:
     def gain_crossings(self, margins: dict[str, float]) -> None:
         """Add the phase and the delay margin, from the positive frequencies at which |L| = 1."""
         a, b = self.operators
-        below, above = gap(b, a), gap(a, b)
+        below = gap(b, a)
         if below == 0:  # |L| does not stay below 1: a delay however small adds roots of high frequency
             margins["delay"] = 0.0
-        apart = below or above
-        if not apart:
-            raise Undecided("the gain crosses 1 at frequencies as high as one likes, or that is undecided")
-        work = Work(self.search)
-        crossings = _zeros(self.functions, _difference, self.beyond(apart / 2), work)
+        crossings = self._unit_gains(below or gap(a, b))
         lags = []
         for omega in crossings:
             (value,) = self._rounded([omega])
@@ -172,6 +171,18 @@ class _Loop:
         phase, crossover, _ = min(refined, default=(math.inf, math.inf, math.inf))
         delay = 0.0 if below == 0 else min((entry[2] for entry in refined), default=math.inf)
         margins |= {"phase": phase, "gain_crossover": crossover, "delay": delay}
+
+    def unit_gains(self) -> list[float]:
+        """Return the positive frequencies at which |L| = 1."""
+        with ctx.workprec(PRECISION):
+            a, b = self.operators
+            crossings = self._unit_gains(gap(b, a) or gap(a, b))
+            return [self._refined(omega, self._difference_at) for omega in crossings]
+
+    def _unit_gains(self, apart: Fraction | None) -> list[float]:
+        if not apart:
+            raise Undecided("the gain crosses 1 at frequencies as high as one likes, or that is undecided")
+        return _zeros(self.functions, _difference, self.beyond(apart / 2), Work(self.search))
 
     def _rounded(self, omega: list[float]) -> list[complex]:
         """Return L to single frequencies in doubles."""
@@ -300,7 +311,8 @@ class _Loop:
     def _largest(self, function: QuasiPolynomial, number: int) -> tuple[float, float]:
         if self.closed.at_origin() == 0:
             return math.inf, 0.0
-        assert self.apart is not None
+        if not self.apart:
+            raise Undecided("poles of high frequency come near to the axis")
         work = Work(self.search)
         limit = self._limit(number, work)
         top = self.beyond(self.apart * Fraction(_LEAST_GAIN) / Fraction(2 + 2 * limit))

@@ -15,10 +15,10 @@ _ROOT_RTOL, _MAX_STEPS = 1e-14, 60
 #: Golden sections of the interval of a peak: its height is accurate to the square of what is left.
 _GOLDEN, _SECTIONS = (math.sqrt(5) - 1) / 2, 40
 
-Gain = Callable[[Array], ComplexArray]
+_Gain = Callable[[Array], ComplexArray]
 
 
-def sign_changes(function: Callable[[Array], Array], grid: Array, values: Array | None = None) -> Array:
+def _sign_changes(function: Callable[[Array], Array], grid: Array, values: Array | None = None) -> Array:
     """Return the zeros of a function between points of a grid, all by false position at once (Illinois).
 
     `values`: those at its points.
@@ -37,21 +37,21 @@ def sign_changes(function: Callable[[Array], Array], grid: Array, values: Array 
     return high
 
 
-def lags(gain: Gain, grid: Array, values: ComplexArray | None = None) -> list[tuple[float, float]]:
+def lags(gain: _Gain, grid: Array, values: ComplexArray | None = None) -> list[tuple[float, float]]:
     """Return the phase lags, degrees, that turn L to -1 where |L| = 1, with the frequencies, rad/s."""
     sizes = None if values is None else np.log(np.abs(values))
-    at = sign_changes(lambda omega: np.log(np.abs(gain(omega))), grid, sizes)
+    at = _sign_changes(lambda omega: np.log(np.abs(gain(omega))), grid, sizes)
     return [(lag(value), omega) for value, omega in zip(gain(at).tolist(), at.tolist(), strict=True)]
 
 
-def grid_margins(gain: Gain, grid: Array, values: ComplexArray) -> Margins:
+def grid_margins(gain: _Gain, grid: Array, values: ComplexArray) -> Margins:
     """Return the margins of a loop up to a frequency at which L is real; the verdict is left open.
 
     `grid`: frequencies from nearly 0 to there, rad/s, between which L turns by little; `values`: L at them.
     """
     phases = lags(gain, grid, values)
     phase, gain_crossover = min(phases, default=(math.inf, math.inf))
-    crossings = sign_changes(lambda at: gain(at).imag, grid[:-1], values[:-1].imag)
+    crossings = _sign_changes(lambda at: gain(at).imag, grid[:-1], values[:-1].imag)
     real = [*zip(gain(crossings).real.tolist(), crossings.tolist(), strict=True)]
     real += [(float(values[-1].real), float(grid[-1])), (_at_rest(gain), 0.0)]
     gains = [(-1 / value, omega) for value, omega in real if value < 0]
@@ -79,7 +79,7 @@ def grid_margins(gain: Gain, grid: Array, values: ComplexArray) -> Margins:
     )
 
 
-def _at_rest(gain: Gain) -> float:
+def _at_rest(gain: _Gain) -> float:
     """Return L(0); 0 where it is infinite."""
     try:
         value = complex(gain(np.zeros(1))[0]).real

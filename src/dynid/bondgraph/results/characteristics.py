@@ -35,15 +35,16 @@ def add_characteristics(
     reduced: ReducedGraph,
     asked: frozenset[str],
     steps: Mapping[Channel, StepInfo] | None = None,
+    bandwidths: Mapping[Channel, Bandwidth] | None = None,
 ) -> None:
     """Add `step_info` and `bandwidth`, as requested, of every channel from its exact transfer function.
 
-    `steps`: the characteristics of steps where the channels have delays, or loops are sampled.
+    `steps`, `bandwidths`: the characteristics where the channels have delays, or loops are sampled.
 
     What is not defined is left out, and `step_status` or `bandwidth_status` names the reason; the names of
     which it is the status are its attribute `status_of`.
     """
-    transfers = exact_channels(reduced) if steps is None or "bandwidth" in asked else {}
+    transfers = exact_channels(reduced) if steps is None and bandwidths is None else {}
     for channel in tracked(list(reduced.channels()), "characteristics of channel"):
         group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
         characteristics: list[tuple[str, StepInfo | Bandwidth]] = []
@@ -54,8 +55,11 @@ def add_characteristics(
             else:
                 characteristics.append(("step_status", steps[channel]))
         if "bandwidth" in asked:
-            transfer = transfers[channel]
-            characteristics.append(("bandwidth_status", bandwidth(transfer.numerator, transfer.denominator)))
+            if bandwidths is None:
+                exact = transfers[channel]
+                characteristics.append(("bandwidth_status", bandwidth(exact.numerator, exact.denominator)))
+            else:
+                characteristics.append(("bandwidth_status", bandwidths[channel]))
         for status, values in characteristics:
             names = [name for name, its_status in STATUSES.items() if its_status == status]
             result.add(f"{group}/{status}", values.status, status_of=" ".join(names))

@@ -25,9 +25,11 @@ from dynid.bondgraph.results.channels import add_roots, natural_frequencies, tim
 from dynid.errors import NumericalError, Singular, Undecided
 from dynid.lti.axis_boxes import Work
 from dynid.lti.certified_roots import certified_roots, root_balls
+from dynid.lti.delay_bandwidth import delayed_bandwidth
 from dynid.lti.delay_stability import COUNT, rightmost_roots, stability
 from dynid.lti.delayed_step import delayed_steps
 from dynid.lti.enclosures import EVALUATIONS
+from dynid.lti.margins import Bandwidth
 from dynid.lti.quasi_polynomials import QuasiPolynomial, RefinedRoot, coprime
 from dynid.lti.stability import SidedRoot, Verdict, verdict, zero_stability
 from dynid.lti.stability import stability as stability_text
@@ -89,13 +91,25 @@ class DelayedChannels:
         self._listed: dict[Any, _ListedRoots] = {}
         self._work, self._root_work = Work(COUNT), Work(_ROOT_WORK, EVALUATIONS)
 
+    def bandwidth(self, channel: Channel) -> Bandwidth:
+        """Return bandwidth and resonance of a channel."""
+        above, below, _ = self._quotient(channel)
+        return delayed_bandwidth(above, below)
+
     def zeros_and_poles(self, channel: Channel) -> tuple[_ListedRoots, _ListedRoots]:
         """Return the rightmost zeros and poles of a channel."""
+        above, below, dead_time = self._quotient(channel)
+        if not above.terms:
+            nothing = _ListedRoots((), "", Verdict("undefined", "the input does not reach the output", 0))
+            return nothing, self._roots(below)
+        return replace(self._roots(above), dead_time=dead_time), self._roots(below)
+
+    def _quotient(self, channel: Channel) -> tuple[QuasiPolynomial, QuasiPolynomial, Fraction]:
+        """Return numerator and denominator without a common factor, and the delay of all, s, left out."""
         below = self._cut.function(self._loops)
         above = self._cut.function([*self._loops, self._numbers[channel]]) - below
         if not above.terms:
-            nothing = _ListedRoots((), "", Verdict("undefined", "the input does not reach the output", 0))
-            return nothing, self._roots(QuasiPolynomial({Fraction(0): fmpz_poly([1])}))
+            return above, QuasiPolynomial({Fraction(0): fmpz_poly([1])}), Fraction(0)
         dead_time = Fraction(0)
         if (loop := self._ahead.get(channel[1])) is not None:  # the controller acts on the setpoint alone
             top, bottom = controller(loop, self._cut.reduced.field)
@@ -113,7 +127,7 @@ class DelayedChannels:
             )
         else:
             above = QuasiPolynomial({chosen - shared: p for chosen, p in above.products.items()})
-        return replace(self._roots(above), dead_time=dead_time + late), self._roots(below)
+        return above, below, dead_time + late
 
     def _roots(self, function: QuasiPolynomial) -> _ListedRoots:
         key = str(sorted((sorted(loops), str(p)) for loops, p in function.products.items()))
@@ -188,6 +202,24 @@ def true_channels(result: Result, analysis: Analysis, opened: BondGraph) -> dict
             if f"{roots}/{root}s" in result:
                 replaced[f"{roots}/{root}_error_bound"] = arrays[f"{roots}/{root}_error_bound"]
     return replaced
+
+
+def channel_bandwidths(
+    reduced: ReducedGraph, analysis: Analysis, opened: BondGraph
+) -> dict[Channel, Bandwidth]:
+    """Return bandwidth and resonance of all channels, with their delays."""
+    ports = {port: _opened_port(port, opened) for port in reduced.outputs}
+    known = [(ports[port], source) for port, source in reduced.channels() if ports[port].node in opened.nodes]
+    bandwidths = dict.fromkeys(reduced.channels(), Bandwidth("not computed: a signal of a loop"))
+    try:
+        channels = DelayedChannels(opened, analysis, known)
+    except NumericalError as error:
+        return dict.fromkeys(bandwidths, Bandwidth(f"not computed: {error.problem}"))
+    return bandwidths | {
+        (port, source): channels.bandwidth((ports[port], source))
+        for port, source in bandwidths
+        if (ports[port], source) in known
+    }
 
 
 def channel_steps(reduced: ReducedGraph, analysis: Analysis, opened: BondGraph) -> dict[Channel, StepInfo]:

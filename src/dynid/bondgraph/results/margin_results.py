@@ -403,6 +403,8 @@ _EXACT = (
     *("/stable", "/stability", "/dc_gain", "/output", "/input", "/warnings", "/approximations"),
     *("/step_status", "/initial_value", "/rise_time", "/settling_time", "/transient_time"),
     *("/overshoot", "/undershoot", "/peak", "/peak_time"),
+    *("/bandwidth_status", "/bandwidth", "/peak_gain", "/peak_frequency", "/half_power_low"),
+    "/half_power_high",
     *("/final_value", "/parameter", "/value", "/dc_gain_sensitivity", "/dc_gain_sensitivity_relative"),
 )
 
