@@ -165,7 +165,7 @@ def test_what_of_a_universal_file_is_not_read_is_said(inspected, tmp_path):
     entries, lines = inspected("x.uff")
     assert entries["H"]["what"] == "frequency response"
     assert entries["H"]["note"] == "1:z over 2:-x"
-    assert entries["S"]["what"] == "function of type 9"
+    assert entries["S"]["what"] == "power spectral density"
     assert "mode shapes" in entries["results"]["note"]
     assert lines == ["measurement: {frf: {file: {path: x.uff}}, channels: all}"]
 
@@ -209,3 +209,16 @@ def test_what_is_no_data_file_is_refused(dynid, tmp_path):
 )
 def test_files_of_other_programs(inspected, name, entry, expected):
     assert expected.items() <= inspected(SHARED / name)[0][entry].items()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the files of other programs are not here")
+def test_every_file_of_other_programs_is_listed_or_refused_with_its_formats(dynid):
+    for path in sorted(SHARED.rglob("*.*")):
+        code, out, err = dynid("inspect", path)
+        if path.suffix in (".json", ".md"):
+            assert (code, out) == (4, ""), path
+            assert "as no format does" in err
+        else:
+            assert (code, err) == (0, ""), path
+            assert len(out.splitlines()) > 3

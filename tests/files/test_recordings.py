@@ -497,6 +497,33 @@ def test_a_joint_is_identified_as_from_the_csv(tmp_path, write, response, monkey
     np.testing.assert_allclose(estimates[0], [1e4, 3.0], rtol=0.2)
 
 
+def test_two_forces_of_two_files_act_at_once(tmp_path):
+    """Against a simulation of both masses driven, in TDMS and NumPy, the channels in either."""
+    from scipy.signal import cont2discrete
+
+    M, C = np.diag([1.2, 0.8]), np.array([[7.0, -3], [-3, 3]])
+    K = np.array([[2.5e4, -1e4], [-1e4, 1e4]])
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    B = np.vstack([np.zeros((2, 2)), np.linalg.inv(M)])
+    a, b, _, d, _ = cont2discrete((A, B, A[2:], B[2:]), STEP, "foh")
+    c, u = A[2:], np.column_stack([1e3 * FORCE, ACC])
+    x, y = np.zeros(4), np.empty((N, 2))
+    for k in range(N):
+        y[k] = c @ x + d @ u[k]
+        x = a @ x + b @ u[k]
+    run_1 = {"acc": (y[:, 0], waveform("m/s^2")), "force": (FORCE, waveform("kN"))}
+    recorder_files.tdms(tmp_path / "r.tdms", {"G": run_1})
+    np.savez(tmp_path / "b.npz", **{"time [s]": T, "F [N]": ACC, "a [m/s2]": y[:, 1]})
+    text = SCENE.format(path="r.tdms").replace("column: force}", "column: force, hold: linear}, SECOND")
+    second = "{dof: 2, kind: file, path: b.npz, column: F, hold: linear}"
+    both = "path: r.tdms, columns: [acc], beside: [{path: b.npz, columns: [a]}]"
+    text = text.replace("SECOND", second).replace("path: r.tdms, columns: [acc]", both)
+    channels = "[{dof: 1, quantity: acceleration}, {dof: 2"
+    (tmp_path / "scene.yaml").write_text(text.replace("channels: [{dof: 2", f"channels: {channels}"))
+    result = run(load_scene(tmp_path / "scene.yaml"))
+    np.testing.assert_allclose(result["identification/parameters/estimate"].data, [1e4, 3.0], rtol=1e-3)
+
+
 # --- HDF5 and MATLAB ---------------------------------------------------------------------------------
 
 

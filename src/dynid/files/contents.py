@@ -264,6 +264,9 @@ def _table(table: DataTable, path: Path, keys: str = "", above: str = "") -> _Li
         yield from _scene_of_record(path, keys, columns, rows, step)
 
 
+_ROLES = ("mass", "stiffness", "damping", "structural")
+
+
 def _matrices(form: FileFormat, path: Path) -> _Listed:
     assert form.matrices is not None
     members: Mapping[str, tuple[int, ...] | str] = form.matrices.members(path)
@@ -276,14 +279,14 @@ def _matrices(form: FileFormat, path: Path) -> _Listed:
             yield _FileEntry(name, "matrix", _size(shape))
         elif form.recording is None:
             yield _FileEntry(name, "vector", _size(shape))
-    roles = {role: named_as(shapes, role)[:1] for role in ("mass", "stiffness", "damping", "A", "B")}
+    roles = {role: named_as(shapes, role)[:1] for role in (*_ROLES, "A", "B")}
     quoted = {
         role: f"{role}: {{path: {_word(path.name)}, name: {_word(names[0])}}}"
         for role, names in roles.items()
         if names
     }
     if roles["mass"] and roles["stiffness"]:
-        listed = ", ".join(quoted[role] for role in ("mass", "stiffness", "damping") if role in quoted)
+        listed = ", ".join(quoted[role] for role in _ROLES if role in quoted)
         yield f"structure: {{matrices: {{{listed}}}}}"
     elif roles["A"] and roles["B"]:
         yield f"structure: {{matrices: {{state_space: {{path: {_word(path.name)}}}}}}}"
@@ -336,8 +339,22 @@ def _mesh(form: FileFormat, path: Path) -> _Listed:
         yield f"structure: {{solid: {{mesh: {_word(path.name)}, materials: …}}}}"
 
 
-_KINDS = {0: "function", 1: "time history", 2: "auto spectrum", 3: "cross spectrum", 4: "frequency response"}
-_KINDS[6] = "coherence"
+_KINDS = dict(
+    enumerate(
+        (
+            "function",
+            "time history",
+            "auto spectrum",
+            "cross spectrum",
+            "frequency response",
+            "transmissibility",
+            "coherence",
+            "auto correlation",
+            "cross correlation",
+            "power spectral density",
+        )
+    )
+)
 
 
 def _functions(form: FileFormat, path: Path) -> _Listed:
