@@ -57,7 +57,7 @@ def test_the_law_of_the_record_has_the_least_bic(tmp_path):
     assert np.isnan(laws["p"]["jenkins"])  # the linear joint is one with an infinite slip force
     (section,) = (part for part in content(result).sections if part.title == "Laws of joints")
     assert [row[0] for row in section.blocks[0].rows] == ["linear", "cubic", "jenkins"]
-    assert "tells jenkins from the others" in section.blocks[1].text
+    assert "distinguishes jenkins from the others" in section.blocks[1].text
 
 
 def test_laws_of_a_linear_joint_are_not_distinguishable(tmp_path):

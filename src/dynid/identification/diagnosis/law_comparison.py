@@ -22,7 +22,7 @@ from dynid.arrays import Array, guarded
 from dynid.errors import DynidError, UsageError
 from dynid.identification.diagnosis.importance import LikelihoodSize, likelihood_size
 from dynid.identification.diagnosis.posterior import Posterior
-from dynid.identification.estimators.maximum_likelihood import Refined, refine, with_noise
+from dynid.identification.estimators.maximum_likelihood import refine, with_noise
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.problem import Problem
@@ -84,7 +84,7 @@ class LawComparison:
             )
         others = np.sort(self.bic[~np.isnan(self.bic)])
         apart = f" (BIC lower by {others[1] - others[0]:.3g} than the next)" if len(others) > 1 else ""
-        return f"laws of {where}: this record tells {tied[0]} from the others{apart}{failed}"
+        return f"laws of {where}: this record distinguishes {tied[0]} from the others{apart}{failed}"
 
     def add_to(self, result: Result) -> None:
         """Add ``identification/laws/``."""
@@ -308,7 +308,10 @@ def _guided(likelihood: Likelihood, eta: Array, route: Sequence[int]) -> Array:
 
 def _refined(likelihood: Likelihood, eta: Array, steps: int) -> _Maximum:
     with guarded("the prediction"):
-        likelihood, way = with_noise(likelihood, Refined(*refine(likelihood, eta, steps)))
+        way = refine(likelihood, eta, steps)
+        if (covering := likelihood.covering(way.fit.eta, narrowed=False)) is not likelihood:
+            likelihood, way = covering, refine(covering, way.fit.eta, steps)
+        likelihood, way = with_noise(likelihood, way)
     return _maximum(likelihood, way.fit)
 
 

@@ -45,6 +45,11 @@ _TANGENT_GAIN = 1e-4
 _MAX_HALVINGS, _MAX_PARTS = 6, 64
 
 
+# Distance of numbers of hidden states, from -1 to 1, from which others are tried at an estimate; and the
+# logarithm of the likelihood that these must gain.
+_OTHER_HIDDEN, _BETTER_START = 0.5, 1e-2
+
+
 class _Warm(NamedTuple):
     """A fit from which the next one begins."""
 
@@ -159,16 +164,40 @@ class NonlinearRecord(TimeRecord):
         return replace(self, model=model, data=self.data.within(kept), recorded=None)
 
     def covering(self, eta: Array, *, narrowed: bool) -> Self:
-        """Return the likelihood with steps that are short enough at coordinates `eta`; itself if they are."""
+        """Return the likelihood with steps that are short enough at coordinates `eta`; itself if they are.
+
+        Nor does it stay where hidden states from another part of their range explain the record better.
+        """
         covering, warm = super().covering(eta, narrowed=narrowed), self._kept.get("warm")
         if warm is None or covering is not self:
             return covering
         needed = self._steps_needed(eta, warm.start)
-        if needed <= self._kept["steps"]:
-            return self
-        finer = replace(self)
-        finer._kept["steps"] = needed
-        return finer
+        if needed > self._kept["steps"]:
+            finer = replace(self)
+            finer._kept["steps"] = needed
+            return finer
+        return self._from_other_hidden_states(eta, warm)
+
+    def _from_other_hidden_states(self, eta: Array, warm: _Warm) -> Self:
+        """Return the likelihood whose fits begin with the likeliest hidden states at these coordinates."""
+        best, least = self, self._misfit_at(eta) - _BETTER_START
+        for place in range(self.model.states, self.nuisances):
+            for number in (-1.0, 0.0, 1.0):
+                if abs(warm.start[place] - number) < _OTHER_HIDDEN:
+                    continue
+                start, other = warm.start.copy(), replace(self)
+                start[place] = number
+                other._kept.update(steps=self._kept["steps"], warm=_Warm(eta, start, 0 * warm.by_parameter))
+                try:
+                    misfit = other._misfit_at(eta)
+                except DynidError:
+                    continue
+                if misfit < least:
+                    best, least = other, misfit
+        return best
+
+    def _misfit_at(self, eta: Array) -> float:
+        return self.misfit(self.data.counts, self.residual_rms_at(eta))
 
     def _steps_needed(self, eta: Array, start: Array) -> int:
         """Return how many steps each interval needs for an error below that of `steps_needed`."""
