@@ -341,7 +341,7 @@ def test_a_merge_replaces_no_file_that_is_no_study(tmp_path, monkeypatch, dynid_
 def test_a_dry_run_runs_nothing_and_names_the_command_that_estimates_time(tmp_path, monkeypatch, dynid_cli):
     monkeypatch.chdir(tmp_path)
     plan = planned(tmp_path)
-    for module in ("explanation", "work"):
+    for module in ("run", "scheduler"):
         monkeypatch.setattr(f"dynid.study.{module}.run_chunk", lambda *_: pytest.fail("a sample is run"))
     _, out, _ = dynid_cli("study", "masses.yaml", "--dry-run", "--set", "title=Two masses")
     (line,) = [line for line in out.splitlines() if line.startswith("  time ")]
