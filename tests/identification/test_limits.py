@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from dynid.identification.diagnosis.limited_posterior import LimitedPosterior
+from dynid.identification.diagnosis.intervals import LimitedPosterior
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding

@@ -140,7 +140,7 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
         report_progress("margins")
         add_margins(result, cut, analysis.omega)
     elif analysis.opened is not None and "properties" in asked:
-        from dynid.bondgraph.results.system import add_system, closed_verdict
+        from dynid.bondgraph.results.channels import add_system, closed_verdict
 
         add_system(result, closed_verdict(reduced, delayed=any(loop.delayed for loop in analysis.loops)))
     _add_engineering(result, reduced, analysis)

@@ -1,8 +1,10 @@
-"""Results channel by channel: transfer functions and formulas, zeros and poles, properties, hidden modes."""
+"""Results channel by channel, from transfer functions to hidden modes; the verdict on the whole system."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -12,11 +14,10 @@ from numpy.typing import NDArray
 from dynid.bondgraph.analysis_request import Analysis, EngineChoice, FormulaRequest, choose_engine
 from dynid.bondgraph.exact_engine import ExactEngine, TransferFunction
 from dynid.bondgraph.formula_printers import LATEX, TEXT
-from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
-from dynid.bondgraph.results.system import add_system, graph_verdict
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, parts_without_output, separate_parts
 from dynid.errors import Undecided
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots
-from dynid.lti.stability import SidedRoot, TransferProperties
+from dynid.lti.stability import SidedRoot, TransferProperties, Verdict, combined, no_solution, verdict
 from dynid.progress import tracked
 from dynid.result import Result
 
@@ -127,7 +128,7 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -
     for channel in tracked(reduced.channels(), "zeros and poles of channel"):
         add_channel(result, engine, channel, analysis.results)
     if "properties" in analysis.results and analysis.opened is None:
-        add_system(result, graph_verdict(engine))
+        add_system(result, _graph_verdict(engine))
     return result
 
 
@@ -283,3 +284,79 @@ def add_roots(
 def each(roots: Sequence[SidedRoot], what: str, dtype: type) -> NDArray[Any]:
     """Return an attribute of roots, each as often as its multiplicity says."""
     return np.array([getattr(root, what) for root in roots for _ in range(root.multiplicity)], dtype=dtype)
+
+
+SYSTEM = "bond_graph/system"
+#: Written in place of a number of unstable poles.
+INFINITELY_MANY, UNDECIDED = -1, -2
+
+
+def add_system(result: Result, verdict: Verdict) -> None:
+    """Add a verdict on the whole system."""
+    count = verdict.unstable_poles
+    count_shown = UNDECIDED if math.isnan(count) else INFINITELY_MANY if math.isinf(count) else int(count)
+    values: dict[str, Any] = {
+        "stable": verdict.stable,
+        "stability": verdict.kind,
+        "reason": verdict.reason,
+        "unstable_poles": count_shown,
+    }
+    for name, value in values.items():
+        result.add(f"{SYSTEM}/{name}", value)
+
+
+def _graph_verdict(engine: ExactEngine | FloatEngine) -> Verdict:
+    """Return the verdict on a graph without delays: on every separate part of it, outputs in it or not."""
+    reduced = engine.reduced
+    parts = {port: frozenset(reduced.reductions[port].junctions) for port in reduced.outputs}
+    # One channel of each part has all its modes, shown or hidden.
+    channels = {parts[channel[0]]: channel for channel in reversed(list(reduced.channels()))}
+    separate = all(
+        channel_part == further_part or channel_part.isdisjoint(further_part)
+        for channel_part in channels
+        for further_part in channels
+    )
+    if set(channels) == set(parts.values()) and separate:
+        verdicts = [verdict(_modes(engine, channel)) for channel in channels.values()]
+    elif isinstance(engine, ExactEngine):
+        polynomials = separate_parts(reduced, engine.natural)
+        verdicts = [verdict(certified_roots(polynomial)) for polynomial in polynomials]
+    else:
+        return Verdict("undecided", "parts of the graph overlap; use 'engine: exact'", math.nan)
+    others = parts_without_output(reduced)
+    if others is None:
+        return combined([*verdicts, no_solution(reduced.free)])
+    verdicts += [verdict(certified_roots(polynomial)) for polynomial in others]
+    return combined(verdicts or [verdict([])])
+
+
+def closed_verdict(reduced: ReducedGraph, *, delayed: bool) -> Verdict:
+    """Return the verdict on a graph with its loops closed that has no unique solution with its loops cut.
+
+    Delays, or their approximants, do not change whether a graph has one.
+    """
+    if reduced.free:
+        return no_solution(reduced.free)
+    if not delayed:
+        return _graph_verdict(ExactEngine(reduced))
+    return Verdict("undecided", "the graph has no unique solution with its loops cut", math.nan)
+
+
+def _modes(engine: ExactEngine | FloatEngine, channel: Channel) -> list[SidedRoot]:
+    """Return the natural modes of the part of a channel; the output's own integrator is none."""
+    poles: list[Any] = list(engine.channel(channel).poles)
+    if engine.reduced.graph.integrates(channel[0]):
+        at_origin = next((pole for pole in poles if pole.value == 0), None)
+        if at_origin is not None:
+            poles.remove(at_origin)
+            rest = at_origin.multiplicity - 1
+            poles += [replace(at_origin, multiplicity=rest)] * (rest > 0)
+    return [*poles, *engine.hidden_modes(channel)]
+
+
+def system_text(result: Result) -> str:
+    """Return the verdict in words; '' where there is none."""
+    if f"{SYSTEM}/stability" not in result:
+        return ""
+    kind, reason = (str(result.value(f"{SYSTEM}/{name}")) for name in ("stability", "reason"))
+    return f"{kind}: {reason}" if reason else kind

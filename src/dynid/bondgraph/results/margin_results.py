@@ -19,8 +19,8 @@ from dynid.bondgraph.controller_circuits import PADE_ORDER, close_loops
 from dynid.bondgraph.cut_loops import CutLoops, rational, rounded
 from dynid.bondgraph.exact_engine import exact_channels
 from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.bondgraph.results.channels import add_system
 from dynid.bondgraph.results.delayed_channels import listed_roots, true_channels
-from dynid.bondgraph.results.system import add_system
 from dynid.errors import Undecided
 from dynid.lti.axis_boxes import Work
 from dynid.lti.certified_roots import certified_roots, repeated, root_balls

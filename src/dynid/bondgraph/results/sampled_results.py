@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.bondgraph.results.channels import SYSTEM, add_system
 from dynid.bondgraph.results.margin_results import (
     LOCUS,
     add_gains,
@@ -16,7 +17,6 @@ from dynid.bondgraph.results.margin_results import (
     add_loop_margins,
     frequencies_near,
 )
-from dynid.bondgraph.results.system import SYSTEM, add_system
 from dynid.bondgraph.sampled_loops import SampledLoops
 from dynid.lti.axis_boxes import Work
 from dynid.lti.quasi_polynomials import QuasiPolynomial

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array, guarded
 from dynid.errors import DynidError
-from dynid.identification.diagnosis.profile import profile_intervals
+from dynid.identification.diagnosis.intervals import profile_intervals
 from dynid.identification.diagnosis.symmetry import (
     Permutation,
     centre_of,

@@ -19,8 +19,7 @@ from dynid.arrays import Array
 from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
 from dynid.errors import Diverged, DynidError, NotIdentifiable, NumericalError
 from dynid.identification.diagnosis.calibration import CalibrationSlopes, calibration_slopes
-from dynid.identification.diagnosis.limited_posterior import LimitedPosterior
-from dynid.identification.diagnosis.profile import Profile
+from dynid.identification.diagnosis.intervals import LimitedPosterior, Profile
 from dynid.identification.estimators.estimate import Estimate
 from dynid.identification.information import Information, below_noise, joint_information, vanished
 from dynid.identification.likelihood.lack_of_fit import ModelComparison, compare_models
