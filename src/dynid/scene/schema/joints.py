@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Self, get_args
+from typing import Annotated, Any, ClassVar, Self, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -70,17 +70,36 @@ class LawPriorModel(Section):
     relative_deviation: Positive
 
 
-def _start_is_within(parameter: ParameterModel | LawParameterModel) -> None:
-    low, high = (None if bound is None else float(bound) for bound in (parameter.min, parameter.max))
-    if parameter.start is not None and not (
-        (-math.inf if low is None else low) <= float(parameter.start) <= (math.inf if high is None else high)
-    ):
-        raise fault("'start' does not lie between 'min' and 'max'")
+class _NumberModel(Section):
+    """A parameter of a joint or of a law: known (`value`), or unknown (`start`)."""
+
+    noun: ClassVar[str]
+
+    @model_validator(mode="after")
+    def _known_or_unknown(self) -> Self:
+        stated, matrix = self.numbers, getattr(self, "matrix", None)
+        if ("start" in stated) == ("value" in stated) and ("start" in stated or matrix is None):
+            raise fault(f"{self.noun} has either a 'start' (to be identified) or a 'value' (known)")
+        if "start" not in stated and (stated.keys() & {"true", "min", "max"} or getattr(self, "prior", None)):
+            raise fault(
+                "a known parameter has its 'value'; 'true', 'min', 'max' and 'prior' belong beside 'start'"
+            )
+        low, high = stated.get("min", -math.inf), stated.get("max", math.inf)
+        if not low <= stated.get("start", low) <= high:
+            raise fault("'start' does not lie between 'min' and 'max'")
+        return self
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The numbers that it states, by key."""
+        stated = {key: getattr(self, key) for key in ("start", "value", "true", "min", "max")}
+        return {key: float(number) for key, number in stated.items() if number is not None}
 
 
-class ParameterModel(Section):
+class ParameterModel(_NumberModel):
     """A joint's stiffness or damping, or the factor of its matrix: known (`value`), or unknown (`start`)."""
 
+    noun = "a joint parameter"
     start: Start | None = None
     value: UncertainSpring | None = None
     true: Positive | None = None
@@ -90,23 +109,14 @@ class ParameterModel(Section):
     prior: PriorModel | None = None
 
     @model_validator(mode="after")
-    def _known_or_unknown(self) -> Self:
-        if self.start is not None and self.value is not None:
-            raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
-        if self.start is None and self.value is None and self.matrix is None:
-            raise fault("a joint parameter has either a 'start' (to be identified) or a 'value' (known)")
+    def _matrix_fits(self) -> Self:
         entries = [entry for row in self.matrix or () for entry in row]
         if self.start is not None and self.matrix is not None and not any(map(float, entries)):
             raise fault("the 'matrix' beside 'start' is zero: there is nothing to identify")
-        if self.start is not None and any(entry.dependent for row in self.matrix or () for entry in row):
+        if self.start is not None and any(entry.dependent for entry in entries):
             raise fault(
                 "the 'matrix' beside 'start' is constant, and here depends on a parameter; leave 'start' out"
             )
-        if self.start is None and self.true is not None:
-            raise fault("a known parameter has its 'value'; 'true' belongs beside 'start'")
-        if self.start is None and (self.min or self.max or self.prior):
-            raise fault("a known parameter has its 'value'; 'min', 'max' and 'prior' belong beside 'start'")
-        _start_is_within(self)
         return self
 
 
@@ -178,34 +188,16 @@ Axes = Annotated[
 ]
 
 
-class LawParameterModel(Section):
+class LawParameterModel(_NumberModel):
     """A parameter of a law: known (`value`), or unknown (`start`); one that may be negative has any sign."""
 
+    noun = "a parameter of a law"
     start: Value | None = None
     value: Uncertain | None = None
     true: Value | None = None
     min: Value | None = None
     max: Value | None = None
     prior: LawPriorModel | None = None
-
-    @model_validator(mode="after")
-    def _known_or_unknown(self) -> Self:
-        if (self.start is None) == (self.value is None):
-            raise fault("a parameter of a law has either a 'start' (to be identified) or a 'value' (known)")
-        if self.start is None and any(
-            bound is not None for bound in (self.true, self.min, self.max, self.prior)
-        ):
-            raise fault(
-                "a known parameter has its 'value'; 'true', 'min', 'max' and 'prior' belong beside 'start'"
-            )
-        _start_is_within(self)
-        return self
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """The numbers that it states, by key."""
-        stated = {key: getattr(self, key) for key in ("start", "value", "true", "min", "max")}
-        return {key: float(number) for key, number in stated.items() if number is not None}
 
 
 def joint_parameters(
