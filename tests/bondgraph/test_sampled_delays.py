@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.errors import SceneError
+from dynid.errors import SceneError, UsageError
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
@@ -170,6 +170,25 @@ def test_where_poles_gather(Rs, RL, kind):
         text = text.replace("    Rs: {type: R, value: 0}\n", "").replace("a -> Rs, ", "")
     loops = loops_of(text)
     assert loops.verdict.kind == kind
+
+
+def test_poles_that_gather_on_the_circle_leave_no_margins():
+    text = LINE.replace("    Rs: {type: R, value: 0.4}\n", "").replace("a -> Rs, ", "")
+    text = text.replace("    RL: {type: R, value: 5}\n", "").replace("b -> RL, ", "").replace("C.e", "Q.f")
+    text = text.replace("C: {type: C, value: 0.5}", "Q: {type: R, value: 1.0e12}").replace("b -> C", "b -> Q")
+    text = text.replace("results: [properties]", "results: [properties, step_info]")
+    result = dynid.run(scene(text))
+    assert result.value("bond_graph/system/stability") == "at the limit"
+    assert "bond_graph/margins/loop" not in result
+    with pytest.raises(UsageError, match="the frequency response of sampled loops is not computed"):
+        dynid.run(
+            scene(
+                text.replace(
+                    "[properties, step_info]",
+                    "[frequency_response], frequency: {start: 1, stop: 2, points: 2}",
+                )
+            )
+        )
 
 
 NONLINEAR = LINE.replace("RL: {type: R, value: 5}", "RL: {type: R, law: {f: 0.2*e + 0.1*e**3}}").replace(

@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import tf2ss
 
 from dynid.errors import NumericalError, UsageError
-from dynid.lti.delay_system import MAX_SEGMENTS, DelaySystem, Propagation
+from dynid.lti.delay_system import DelaySystem
+from dynid.lti.method_of_steps import MAX_SEGMENTS
 from dynid.lti.signals import (
     Chirp,
     Impact,
@@ -159,7 +160,7 @@ def worst_error(seeds):
         rng = np.random.default_rng(seed)
         numerator, denominator, gains, delays = random_loop(rng)
         time = float(rng.uniform(4, 5.9))
-        run = Propagation(loop(numerator, denominator, gains, delays), [Step()], 6.0)
+        run = loop(numerator, denominator, gains, delays).propagation([Step()], 6.0)
         times = np.unique([*np.linspace(0, 6, 121), time])
         values = run.outputs(times)[:, 0]
         A, B, C, D = tf2ss(numerator, denominator)
@@ -280,7 +281,7 @@ def test_a_derivative_of_a_jump_that_is_fed_back_acts_as_an_impulse():
 def test_held_inputs_change_where_they_are_told():
     """A sampled controller: u = -y just before each instant, y' = u(t - 0.3) + 1, exactly by hand."""
     lft = StateSpace([[0.0]], [[1.0, 0.0, 1.0]], [[1.0], [0.0]], [[0, 0, 0], [0, 1.0, 0]])
-    run = Propagation(DelaySystem(lft, (Fraction(3, 10),)), [Step(), None], 4.0)
+    run = DelaySystem(lft, (Fraction(3, 10),)).propagation([Step(), None], 4.0)
     measured = []
     for k in range(1, 5):
         list(run.segments(Fraction(k)))

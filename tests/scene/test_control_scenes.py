@@ -566,6 +566,23 @@ def test_faults_of_sampled_loops_are_located(old, new, message):
     assert message in str(raised.value)
 
 
+def test_a_delayed_controller_that_answers_nothing_reaches_nothing():
+    """Its setpoint is a channel of numerator 0."""
+    text = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {u: Se, F: Se, a: 1, m: {type: I, value: 1}, r: {type: R, value: 1}}
+  bonds: [u -> a, F -> a, a -> m, a -> r]
+control: {loops: [{from: m.f, to: u, controller: {gain: 0, delay: 0.2}, setpoint: w}]}
+analysis: {outputs: [m.f], results: [zeros, poles, properties, step_info, bandwidth]}
+"""
+    result = dynid.run(scene(text))
+    properties = "bond_graph/properties/m.f/w"
+    assert result.value(f"{properties}/step_status") == "undefined: the input does not reach the output"
+    assert result.value(f"{properties}/bandwidth_status") == "undefined: the input does not reach the output"
+
+
 def test_at_most_eight_loops_have_a_delay():
     loop = "    - {from: shaft.q, to: voltage, controller: {gain: 1, delay: 1}}\n"
     with pytest.raises(SceneError, match="at most 8 loops may have a delay"):

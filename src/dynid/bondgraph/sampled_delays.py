@@ -38,12 +38,25 @@ class SampledLoopsWithDelays(SampledLoops):
 
     def __init__(self, opened: BondGraph, loops: Sequence[Loop]) -> None:
         super().__init__(opened, loops)
-        self.refusal = ""
         self._grids = dict[int, tuple[Array, ComplexArray]]()
+        self._undecided = Verdict("", "", 0)
         try:
             self._function = self._at(self.computations)
         except UsageError as error:
-            self.refusal = error.problem
+            self._undecided = Verdict("undecided", error.problem, math.nan)
+            return
+        gathering = self._function.gathering
+        if abs(gathering - 1) < _CIRCLE:
+            reason = "infinitely many discrete poles gather on the unit circle"
+            self._undecided = Verdict("at the limit", reason, math.nan)
+        elif gathering > 1:
+            reason = f"infinitely many discrete poles gather at |z| = {gathering:.6g}"
+            self._undecided = Verdict("unstable", reason, math.inf)
+
+    @property
+    def refusal(self) -> str:  # type: ignore[override]
+        """Why margins are not computed; '' where they are."""
+        return self._undecided.reason
 
     def _at(self, computations: Sequence[Fraction]) -> SampledDelays:
         A, B, C, D = (
@@ -61,24 +74,18 @@ class SampledLoopsWithDelays(SampledLoops):
     @property
     def _shown(self) -> Verdict:  # type: ignore[override]
         if self.refusal:
-            return Verdict("undecided", self.refusal, math.nan)
-        gathering = self._function.gathering
-        if abs(gathering - 1) < _CIRCLE:
-            reason = "infinitely many discrete poles gather on the unit circle"
-            return Verdict("at the limit", reason, math.nan)
-        if gathering > 1:
-            reason = f"infinitely many discrete poles gather at |z| = {gathering:.6g}"
-            return Verdict("unstable", reason, math.inf)
+            return self._undecided
         if (outside := self._function.outside) is None:
             nearest = min((abs(abs(pole) - 1) for pole in self.listed_poles.tolist()), default=math.inf)
             if nearest < _CIRCLE:
                 reason = f"a discrete pole lies on the unit circle within {_CIRCLE:g}"
                 return Verdict("at the limit", reason, math.nan)
+            gathering = self._function.gathering
             reason = f"discrete poles gather at |z| = {gathering:.6g}, and their function is not resolved"
             return Verdict("undecided", reason, math.nan)
         if not outside:
             return Verdict("stable", "", 0)
-        return outside_verdict(outside, float(np.abs(self.listed_poles).max()))
+        return outside_verdict(outside, float(np.abs(self.listed_poles).max(initial=1.0)))
 
     @property
     def listed_poles(self) -> ComplexArray:
@@ -97,7 +104,11 @@ class SampledLoopsWithDelays(SampledLoops):
     def answers(self) -> Callable[[ComplexArray], ComplexArray]:
         """Return what the closed loops hold in answer to what is added to measurements, by z."""
         if self.refusal:
-            raise UsageError(self.refusal)
+            raise UsageError(
+                f"the frequency response of sampled loops is not computed: {self.refusal}",
+                remedy="Leave it out, or choose a sample time of which the delays are small multiples.",
+                names=("analysis.frequency",),
+            )
         return self._function.answers
 
     def gain(self, number: int, omega: Array) -> ComplexArray:

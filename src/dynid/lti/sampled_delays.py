@@ -222,7 +222,7 @@ class SampledDelays:
             return np.empty(0, complex)
         kept = np.flatnonzero(np.abs(coefficients) > _ROUNDING * np.abs(coefficients).max())[-1] + 1
         w = np.roots(coefficients[:kept][::-1])
-        least = max(_LISTED_SIZE, 1.05 * self.gathering)
+        least = min(max(_LISTED_SIZE, 1.05 * self.gathering), 1.0)
         starts = 1 / w[np.abs(w) < 1 / least]
         poles = [self._refined(start) for start in starts if start.imag >= 0]
         listed: list[complex] = []

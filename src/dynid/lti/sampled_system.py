@@ -13,8 +13,9 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import UsageError
-from dynid.lti.delay_system import MAX_SEGMENTS, DelayedResponse, DelaySystem, Propagation, Segment
+from dynid.lti.delay_system import DelayedResponse, DelaySystem
 from dynid.lti.generator import Signal
+from dynid.lti.method_of_steps import MAX_SEGMENTS, Propagation, Segment
 
 #: Part of a period after an instant at which signals are those after a jump there.
 _AFTER = 1e-9
@@ -84,7 +85,7 @@ class _SampledPropagation(Propagation):
         times = [system.period, *(controller.computation for controller in system.controllers)]
         tick = Fraction(1, lcm(*(time.denominator for time in times)))
         every = [*signals, *(None for _ in system.controllers)]
-        super().__init__(system, every, stop, period=tick, **options)
+        super().__init__(system.lft, system.delays, every, stop, period=tick, **options)
         self._states = [np.zeros(len(controller.h)) for controller in system.controllers]
         #: Instants ahead: time, loop that holds and value, or -1 where all measure.
         self._events: list[tuple[Fraction, int, float]] = [(Fraction(0), -1, 0.0)]
@@ -95,7 +96,7 @@ class _SampledPropagation(Propagation):
             yield from super().segments(self._events[0][0])
             time, loop, value = heappop(self._events)
             if loop >= 0:
-                self.hold(self.system.inputs - len(self._controllers) + loop, value)
+                self.hold(self._inputs - len(self._controllers) + loop, value)
                 continue
             for index, (controller, measured) in enumerate(
                 zip(self._controllers, self._measured(), strict=True)
@@ -110,7 +111,7 @@ class _SampledPropagation(Propagation):
     def _measured(self) -> Array:
         """Return the last outputs now, after jumps of signals, with what is held until now."""
         self._meet_breaks()
-        inputs, orders = self.system.inputs, len(self._direct)
+        inputs, orders = self._inputs, len(self._direct)
         now, after = float(self.time), _AFTER * float(self._period)
         values = np.zeros((orders, self._B.shape[1]))  # of inputs and their derivatives
         for column, signal in enumerate(self.signals):
@@ -131,5 +132,5 @@ class _SampledPropagation(Propagation):
         outputs = self._C @ self._x
         for matrix, row in zip(self._direct, values, strict=True):
             outputs = outputs + matrix @ row
-        shown = self.system.outputs
+        shown = self._shown
         return np.asarray(outputs[shown - len(self._controllers) : shown])

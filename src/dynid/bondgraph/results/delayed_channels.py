@@ -115,6 +115,8 @@ class DelayedChannels:
             top, bottom = controller(loop, self._cut.reduced.field)
             above, below = above.times(top), below.times(bottom)
             dead_time = rounded_number(reference(loop.delay))
+        if not above.terms:  # a controller that answers nothing
+            return above, below, Fraction(0)
         above, below = coprime(*rounded([above, below]))
         shared = frozenset.intersection(*above.products)
         late = sum((delay.seconds for delay in shared), Fraction(0))

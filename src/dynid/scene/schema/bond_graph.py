@@ -533,17 +533,16 @@ class BondGraphScene(ComposedScene):
             outputs = [str(port) for port in self.analysis.outputs]
             yield from self.design.faults(self.parameters, self.graph.nodes, outputs, inputs)
             yield from self.design.loop_faults(len(control.loops) if control else 0)
-        lines = any(node.type == LINE for node in self.graph.nodes.values())
-        if lines:
+        if self._lines:
             yield from self._line_faults()
         if self._nonlinear:
-            yield from self._nonlinear_faults(lines=lines)
+            yield from self._nonlinear_faults()
         if control is None:
             return
         yield from control.input_faults(self.analysis.inputs)
         if control.sampled:
             yield from self._sampling_faults()
-        elif control.delays and self.analysis.port is not None:
+        elif control.delays and self.analysis.port is not None and not self._lines:
             from dynid.scene.schema.control import DELAY_REMEDY
 
             message = f"there is no 'port' where a loop has a delay; {DELAY_REMEDY}"
@@ -561,7 +560,12 @@ class BondGraphScene(ComposedScene):
             for node in self.graph.nodes.values()
         )
 
-    def _nonlinear_faults(self, *, lines: bool) -> Iterator[Located]:
+    @property
+    def _lines(self) -> int:
+        """The number of its lines."""
+        return sum(node.type == LINE for node in self.graph.nodes.values())
+
+    def _nonlinear_faults(self) -> Iterator[Located]:
         """Yield the time response of nonlinear laws where delays or samples act on them."""
         control: ControlModel | None = self.control
         from dynid.scene.schema.control import DELAY_REMEDY
@@ -570,7 +574,7 @@ class BondGraphScene(ComposedScene):
             where = f"where a loop has a delay; {DELAY_REMEDY}"
         elif control is not None and control.sampled:
             where = "with sampled loops; leave it out, or write the controllers without 'sample'"
-        elif lines:
+        elif self._lines:
             where = "with a line (TL); leave it out, or write the line as pieces of I and C"
         else:
             return
@@ -592,9 +596,9 @@ class BondGraphScene(ComposedScene):
                 yield ("analysis", "results", index), f"there is no '{name}' {lines}"
         if self.analysis.port is not None:
             yield ("analysis", "port", AT_KEY), f"there is no 'port' {lines}"
-        count = sum(node.type == LINE for node in self.graph.nodes.values())
-        if count > MAX_TRANSMISSION_LINES:
-            yield ("graph", "nodes", AT_KEY), f"at most {MAX_TRANSMISSION_LINES} lines (TL), not {count}"
+        if self._lines > MAX_TRANSMISSION_LINES:
+            message = f"at most {MAX_TRANSMISSION_LINES} lines (TL), not {self._lines}"
+            yield ("graph", "nodes", AT_KEY), message
 
     def _sampling_faults(self) -> Iterator[Located]:
         """Yield what a graph with sampled loops does not have."""
@@ -605,7 +609,7 @@ class BondGraphScene(ComposedScene):
         if self.design is not None and not self.design.of_loops:
             message = "only margins (phase_margin, gain_margin, Ms, Mt) are designed with sampled loops"
             yield ("design", "targets", AT_KEY), message
-        if self.analysis.port is not None:
+        if self.analysis.port is not None and not self._lines:
             yield ("analysis", "port", AT_KEY), f"there is no 'port' {loops}"
 
     def _port_faults(self, types: Mapping[str, str]) -> Iterator[Located]:
