@@ -206,6 +206,9 @@ def in_segments(likelihood: TimeLikelihood, divisor: int) -> Likelihood:
 _ROUTES = ((64, 16, 4), (16,), (64, 16, 4), (32, 4), ())
 # Joints with nonlinear laws: the first parts of the records, one in so many, that are fitted in turn.
 _GROWING = (32, 16, 8, 4, 2)
+# Starts around the given one that are tried as they are drawn, before many are ranked, which costs more than
+# these: how many, and how far from it (a factor).
+_AROUND_LAWS = (6, 5.0)
 # Responses: a search with the modes of a band is confirmed by an estimate of the whole model that differs by
 # less than this part of its standard errors.
 _CONFIRMED_DEVIATIONS = 0.1
@@ -277,6 +280,11 @@ class Auto:
             return search.best()
         route = growing(likelihood, _GROWING)
         search.attempt("records of growing length", partial(guided, route, origin))
+        count, reach = _AROUND_LAWS
+        for number, start in enumerate(drawn_starts(likelihood.priors, origin, count, reach, 0), 1):
+            if search.accepted:
+                return search.best()
+            search.attempt(f"start {number} of {count}", partial(guided, route, start), drawn=True)
         if not search.accepted:
             search.draw(route[0], [route], origin)
         return search.best()
