@@ -140,6 +140,13 @@ def test_a_lattice_takes_sparse_factors_without_a_plan():
     assert reduced.channels().keys() == planned.channels().keys()  # planned now
 
 
+@pytest.mark.usefixtures("small")
+def test_a_lattice_without_inputs_has_no_responses():
+    reduced = ReducedGraph(Lattice(5).graph, (), [Port("n24", "e")], traced=False)
+    assert reduced.nodal is not None
+    assert frequency_response(reduced, OMEGA).shape == (4, 1, 0)
+
+
 def test_the_fill_decides():
     graph = Lattice(5).graph
     assert ReducedGraph(graph, ["u"], [Port("n24", "e")], traced=False).nodal is None

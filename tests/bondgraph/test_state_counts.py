@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from flint import fmpq
 
 from dynid.bench.cases.graph_shapes import _lattice
 from dynid.bondgraph.floating import float_engine
 from dynid.bondgraph.floating.float_engine import FloatEngine
-from dynid.bondgraph.graph import Port
+from dynid.bondgraph.floating.state_counts import StateCounts
+from dynid.bondgraph.graph import Node, Port
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.defaults import Limit
 from dynid.lti.certified_roots import repeated
@@ -62,6 +64,24 @@ def test_integrals_and_reactions(monkeypatch, port):
     for name in ("zeros", "poles"):
         roots, true = (repeated(getattr(engine.channel(channel), name)) for engine in (by_states, by_program))
         np.testing.assert_allclose(roots, true, rtol=1e-11, atol=1e-12)
+
+
+def test_a_source_that_answers_with_a_derivative_keeps_the_program():
+    """An effort source on a node with a capacitor: the flow that it gives follows the rate of its effort."""
+    lattice = Lattice(4)
+    lattice.nodes[0] = Node("u", "Se")
+    reduced = ReducedGraph(lattice.graph, ["u"], [Port("u", "f")], traced=False)
+    assert StateCounts.of(reduced, Port("u", "f")) is None
+    engine = FloatEngine(reduced)
+    assert [counts.degree for counts in engine.counts[Port("u", "f"), "u"]] == [16, 15]
+
+
+def test_a_channel_below_the_range_of_doubles_has_no_finite_first_values():
+    one, drive = fmpq(1), ("u", "u", 0)
+    rates = {name: {("w", name): -k * one, drive: fmpq(1, 10**400)} for k, name in ((1, "x"), (2, "y"))}
+    counts = StateCounts(rates, {("w", "x"): one, ("w", "y"): one}, ["u"], 101)
+    assert counts.counts("u")[0].degree == 1
+    assert np.isnan(counts.zeros("u", 1)).all()
 
 
 def test_the_roots_of_a_lattice_take_few_operations():

@@ -54,7 +54,7 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
     def channels(planned: ReducedGraph) -> list[int]:
         return list(planned.channels().values())
 
-    if reduced.nodal is not None:
+    if reduced.nodal is not None and reduced.inputs:
         solution, bounds = reduced.nodal.at(np.asarray(omega, dtype=float))
         trusted = np.all(bounds <= _RESPONSE_TOL * np.abs(solution), axis=(1, 2))
         for point in np.flatnonzero(~trusted):

@@ -18,7 +18,6 @@ from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, solve
 from dynid.bondgraph.floating.roots import RootCounts
 from dynid.bondgraph.graph import Port
-from dynid.errors import Singular
 
 if TYPE_CHECKING:
     from dynid.bondgraph.reduced_graph import ReducedGraph
@@ -45,10 +44,7 @@ class StateCounts:
             reduced.structure, reduced.reductions[port].junctions, field, inputs=reduced.inputs
         )
         output = system.output(port)
-        try:
-            rates, (form,) = solve(system.equations, [output])
-        except Singular:
-            return None
+        rates, (form,) = solve(system.equations, [output])
         if any(len(symbol) == 3 and symbol[2] for row in (*rates.values(), form) for symbol in row):
             return None
         return cls(rates, form, reduced.inputs, reduced.modulo().prime)
