@@ -92,9 +92,9 @@ def test_modes_determine_joints_nearly_as_well_as_the_responses(tmp_path):
 
 @pytest.mark.slow
 def test_estimates_by_modes_are_covered(tmp_path):
-    runs = [both(tmp_path, seed)[:2] for seed in range(60)]
+    runs = [both(tmp_path, seed)[:2] for seed in range(200)]
     standard = np.array([(modes[0] - 1) / modes[1] for modes, _ in runs])
-    assert 0.91 < np.mean(np.abs(standard) < 1.96) < 0.99
+    assert 0.92 < np.mean(np.abs(standard) < 1.96) < 0.98
     assert np.all(np.mean([modes[1] / direct[1] for modes, direct in runs], axis=0) < 1.2)
 
 

@@ -176,3 +176,15 @@ def test_forces_that_are_nearly_one_are_named_or_refused():
     hits = np.hstack([impact(0).forces, impact(1).forces])
     with pytest.raises(UsageError, match="record 0 has impacts at 2 DOFs at once"):
         spectra_of_records([impact(0)._replace(forces=hits, references=["a", "b"])])
+
+
+def test_the_scale_counts_what_a_short_record_cuts_off():
+    poles, shapes = structure()
+    spectra = spectra_of_records([impact(seed, seconds=3.0, noise=1e-3) for seed in range(3)])
+    duration = 2 * np.pi / (spectra.omega[1] - spectra.omega[0])
+    exact = (shapes / np.sqrt(2j * poles.imag)).T[0, 0] ** 2
+    errors = [
+        abs(analysed(spectra, duration=d).modes.shape[0, 0] ** 2 / exact - 1) for d in (duration, np.inf)
+    ]
+    assert errors[0] < 5e-4
+    assert errors[1] > 5e-3

@@ -70,6 +70,11 @@ class FrfMatrix:
         """Number of real values."""
         return 2 * int(np.count_nonzero(self.weights))
 
+    def transposed(self) -> FrfMatrix:
+        """Return the same functions with responses and references exchanged."""
+        values, deviation = self.values.transpose(0, 2, 1), self.deviation.transpose(0, 2, 1)
+        return replace(self, values=values, deviation=deviation, scale=self.scale.T, first=None)
+
     def windowed(self, exponential: float) -> FrfMatrix:
         """Return the responses with their noise correlated by an exponential window (time constant, s).
 

@@ -71,6 +71,7 @@ def analyse(
     proportional: bool = False,
     window_rate: float = 0.0,
     resolution: float = 0.0,
+    duration: float = np.inf,
 ) -> ModalAnalysis:
     """Return the modes that frequency responses show, with their covariance.
 
@@ -92,6 +93,8 @@ def analyse(
     resolution
         Distance of the lines of random records (Hz), whose leakage counts in the standard errors of damping;
         0 of responses without leakage.
+    duration
+        Time (s) after which the decays of impacts were cut off, which counts in the scale of the shapes.
 
     Raises
     ------
@@ -133,7 +136,13 @@ def analyse(
     if not len(modes):
         raise NumericalError("no mode is found in the band", remedy="Choose the band by the peaks.")
     reported = reported_modes(
-        model, fit, modes, driving_points, bar_scale * float(np.sqrt(frf.correlation)), window_rate
+        model,
+        fit,
+        modes,
+        driving_points,
+        bar_scale * float(np.sqrt(frf.correlation)),
+        window_rate,
+        duration,
     )
     if resolution:
         reported = reported.with_leakage(resolution)
@@ -141,7 +150,9 @@ def analyse(
 
 
 def _chart(frf: FrfMatrix) -> Chart:
-    """Return the chart of poles of increasing orders."""
+    """Return the chart of poles of increasing orders, by the smaller one of both sides of the responses."""
+    if frf.values.shape[1] < frf.values.shape[2]:
+        frf = frf.transposed()
     band = float(frf.omega[0]), float(frf.omega[-1])
     chart = None
     for highest in _ORDERS:

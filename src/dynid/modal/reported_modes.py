@@ -88,12 +88,14 @@ def reported_modes(
     driving_points: Sequence[tuple[int, int]],
     bar_scale: float,
     window_rate: float = 0.0,
+    duration: float = np.inf,
 ) -> ReportedModes:
     """Return some modes of a fit: of unit modal a, or with real shapes mass, by the driving points.
 
     `driving_points`: response and reference of the DOFs that are both; of each mode that with the largest
     residue counts. Without one the largest entry of each shape is 1. `bar_scale` multiplies standard errors;
-    the decay rate `window_rate` of a window (1/s) is subtracted from those of the poles.
+    the decay rate `window_rate` of a window (1/s) is subtracted from those of the poles. Decays that were cut
+    off after a `duration` (s) have residues smaller by 1 - exp(lambda duration).
     """
     n, channels = len(modes), model.responses
     parts = 1 if model.real else 2
@@ -108,6 +110,10 @@ def reported_modes(
         scale, reference, d_reference, d_participation = _by_driving_point(
             fit, modes, driving_points, model.own
         )
+        cut = 1 - np.exp(
+            np.minimum(fit.poles[modes].real, 0.0) * duration + 1j * _phase(fit, modes, duration)
+        )
+        scale = scale / np.sqrt(cut.real if model.real else cut)
         normalisation = MODAL_MASS if model.real else MODAL_A
     else:
         reference = np.argmax(np.abs(psi), axis=0)
@@ -142,6 +148,11 @@ def reported_modes(
     return ReportedModes(
         omega, zeta, shape.T, normalisation, bar_scale * joint, bar_scale * blocks, reference
     )
+
+
+def _phase(fit: ModalFit, modes: NDArray[np.int_], duration: float) -> Array:
+    """Return the phase of poles after a duration, rad; 0 of decays that are not cut off."""
+    return fit.poles[modes].imag * duration if np.isfinite(duration) else np.zeros(len(modes))
 
 
 def _by_driving_point(

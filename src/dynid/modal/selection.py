@@ -34,8 +34,9 @@ _TRIED_REMOVALS, _WEAK = 2, 5.0
 _EDGES, _WIDTHS, _SHIFTS = (1.02, 1.06, 0.97), (0.3, 1.0, 3.0), (0.3, -0.3)
 # Damping ratio of a pole beyond an edge.
 _EDGE_DAMPING = 0.01
-# Repetitions of fit and scale of the noise where it is estimated.
-_SCALES = 2
+# Repetitions of fit and scale of the noise where it is estimated, at the start and at the end, and the
+# deviation of chi-squared from its expectation that asks for another at the end.
+_SCALES, _SETTLED = 2, 0.02
 
 
 def worth(frf: FrfMatrix) -> float:
@@ -74,6 +75,10 @@ def select_modes(
         fit = extended
         if frf.estimated:
             model, fit = _rescaled(model, fit)
+    for _ in range(_SCALES if frf.estimated else 0):
+        if abs(fit.chi2 / degrees(model, fit) - 1) < _SETTLED:
+            break
+        model, fit = _rescaled(model, fit)
     return model, fit
 
 

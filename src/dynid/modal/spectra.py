@@ -74,11 +74,7 @@ def defect(record: TimeRecord) -> str:
     """Return what is wrong with an impact in words, for example a double hit; empty of a good one."""
     size = np.abs(record.force)
     peak = int(np.argmax(size))
-    pulse = size > _EDGE * size[peak]
-    rest = np.flatnonzero(~pulse[peak:])
-    end = peak + (int(rest[0]) if len(rest) else len(size) - peak)
-    before = np.flatnonzero(~pulse[: peak + 1])
-    start = int(before[-1]) + 1 if len(before) else 0
+    start, end = _pulse(record.force)
     sign = np.sign(record.force[peak])
     later = sign * record.force[end + _WIDTHS_BETWEEN * (end - start) :]
     if later.max(initial=0.0) > _SECOND_HIT * size[peak]:
@@ -89,6 +85,29 @@ def defect(record: TimeRecord) -> str:
         if _is_clipped(signal):
             return f"{'the force' if name == 'force' else f'channel {name}'} is clipped"
     return ""
+
+
+def _pulse(force: Array) -> tuple[int, int]:
+    """Return the first sample of the largest pulse of a force, and the one behind its last."""
+    size = np.abs(force)
+    peak = int(np.argmax(size))
+    outside = np.flatnonzero(size <= _EDGE * size[peak])
+    before, after = outside[outside < peak], outside[outside > peak]
+    return int(before[-1]) + 1 if len(before) else 0, int(after[0]) if len(after) else len(force)
+
+
+def _from_the_pulse(records: Sequence[TimeRecord]) -> list[TimeRecord]:
+    """Return records that begin at their pulses, of one length.
+
+    So the transform of a decay that is cut off has the exact poles, which silence before the pulse spoils.
+    """
+    pulses = [_pulse(record.force) for record in records]
+    starts = [max(2 * start - end, 0) for start, end in pulses]  # the width of the pulse before it
+    n = min(len(record.forces) - start for record, start in zip(records, starts, strict=True))
+    return [
+        record._replace(forces=record.forces[start : start + n], values=record.values[start : start + n])
+        for record, start in zip(records, starts, strict=True)
+    ]
 
 
 def _is_clipped(signal: Array) -> bool:
@@ -147,10 +166,13 @@ def _of_impacts(records: Sequence[TimeRecord], exponential: float | None) -> Spe
             notes.append(f"{record.name} is left out: {problem}")
         else:
             good.append(record)
-    n, step = len(records[0].force), records[0].step
+    good = _from_the_pulse(good) if good else good
+    n, step = len((good or records)[0].force), records[0].step
     window = np.ones(n) if exponential is None else np.exp(-np.arange(n) * step / exponential)
     remedy = "state 'exponential'" if exponential is None else "shorten 'exponential'"
     for record in good:
+        if not np.any(record.force[1:]):  # the transform of a truncated decay after an impulse is exact
+            continue
         if channel := _not_decayed(record, window, _NOT_DECAYED[exponential is not None]):
             notes.append(f"{record.name} has not decayed at its end (channel {channel}): {remedy}")
     if not good:

@@ -35,6 +35,7 @@ class _ModalTest(NamedTuple):
     powers: ComplexArray  # factors from receptances to what was measured (lines x channels)
     proportional: bool = False
     resolution: float = 0.0  # distance of the lines of random records, Hz
+    duration: float = np.inf  # of decays after impacts, s
     notes: tuple[str, ...] = ()
 
     @property
@@ -67,6 +68,7 @@ def run(scene: Scene[ModalAnalysisScene], sample: Result | None = None) -> Resul
         proportional=test.proportional,
         window_rate=window_rate(scene),
         resolution=test.resolution,
+        duration=test.duration,
     )
     result = sample if sample is not None else Result("modal-analysis", scene.title)
     add_modes(result, analysis, test.channels, test.references, test.powers, test.notes)
@@ -155,7 +157,10 @@ def _test_of_records(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
     deviation = np.sqrt(np.column_stack(variances)) if len(variances) == len(pairs) else None
     channels, notes = tuple(sensors[pair] for pair in pairs), tuple(spectra.notes)
     measured = FrfMeasurement(spectra.omega[used], channels, values, None, deviation, notes=notes)
-    return _matrix_of(scene, measured)._replace(resolution=spectra.resolution)
+    step = float(np.median(np.diff(spectra.omega)))
+    return _matrix_of(scene, measured)._replace(
+        resolution=spectra.resolution, duration=np.inf if spectra.resolution else 2 * np.pi / step
+    )
 
 
 def _forces_of(loads: Sequence[Any], measurement: Any, number: int) -> Array:
