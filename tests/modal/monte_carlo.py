@@ -1,9 +1,10 @@
 """Modal analyses of random noise, counted: modes missed and spurious, coverage of 95 % intervals, CPU time.
 
-    python -m tests.modal.monte_carlo CASE|all [SEEDS] [--peer]
+    python -m tests.modal.monte_carlo CASE|all [SEEDS] [--peer] [--powers=0,-2]
 
-prints a line a case. `--peer` runs sdypy-EMA (which must be importable, and takes one reference) on the same
-responses in turn, with the true frequencies as its picks.
+prints a line a case. `--powers` replaces the powers of the residual terms. `--peer` runs sdypy-EMA (which
+must be importable, and takes one reference) on the same responses in turn, with the true frequencies as its
+picks.
 """
 
 import sys
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dynid.modal import modal_model
 from dynid.modal.modal_analysis import analyse
 from tests.modal.structures import OMEGA, measured, modes, standardised
 
@@ -118,7 +120,10 @@ def peer_poles(frf: Any, poles: Any) -> Any:
 
 
 if __name__ == "__main__":
-    arguments = [argument for argument in sys.argv[1:] if argument != "--peer"]
+    arguments = [argument for argument in sys.argv[1:] if not argument.startswith("--")]
+    for option in sys.argv[1:]:
+        if option.startswith("--powers="):
+            modal_model.RESIDUAL_POWERS = tuple(map(int, option.partition("=")[2].split(",")))
     count = int(arguments[1]) if len(arguments) > 1 else 200
     for key in CASES if arguments[0] == "all" else [arguments[0]]:
         print(run(key, count, peer="--peer" in sys.argv), flush=True)
