@@ -98,6 +98,23 @@ def test_estimates_by_modes_are_covered(tmp_path):
     assert np.all(np.mean([modes[1] / direct[1] for modes, direct in runs], axis=0) < 1.2)
 
 
+@pytest.mark.slow
+def test_modes_listed_with_the_usual_floors_say_less(tmp_path):
+    _, (_, direct), _ = both(tmp_path, 0)
+    modal = dynid.run(tmp_path / "modal.yaml")
+    names = ("frequency", "frequency_standard_error", "damping", "damping_standard_error")
+    heads, columns = ["frequency [rad/s]", "frequency_std [rad/s]", "damping", "damping_std"], []
+    columns += [[repr(float(value)) for value in modal[f"modal/{name}"].data] for name in names]
+    for k, channel in enumerate(modal["modal/channel"].data):
+        heads += [str(channel), f"std {channel}"]
+        shape, error = modal["modal/shape"].data[:, k], modal["modal/shape_standard_error"].data[:, k]
+        columns += [[f"{z.real:.17g}{z.imag:+.17g}i" for z in shape], [repr(float(e)) for e in error]]
+    rows = [heads, *zip(*columns, strict=True)]
+    (tmp_path / "modes.csv").write_text("\n".join(",".join(row) for row in rows))
+    listed = estimates(run(tmp_path, CHAIN + "measurement: {modes: {file: modes.csv}}\n", "listed"))[1]
+    assert np.allclose(listed / direct, [20.8, 10.2, 31.7], rtol=0.02)
+
+
 def test_some_modes_of_a_file_without_a_scale(tmp_path):
     write_responses(tmp_path / "f.csv", 1)
     two = MODAL.replace("    - {dof: 5, quantity: acceleration, reference: {dof: 5}}\n", "")

@@ -1,9 +1,9 @@
 """Maximum likelihood of poles, participations, shapes and residual terms of a modal model.
 
 ``H_oi = sum_r psi_or l_ir / (s - lambda_r) + conj. + sum_e c_oi,e omega^e``, e = 0, −2, 2, −4 with complex
-c; with real shapes ``psi l / ((s - lambda)(s - conj lambda))``. Real residual terms of two powers leave bars
-that cover 42 % instead of 95. Residual terms are projected out of the data of every pair once, shapes are
-solved for (variable projection), and Gauss–Newton steps of poles and participations have exact derivatives.
+c; with real shapes ``psi l / ((s - lambda)(s - conj lambda))``. With two powers error bars cover 70 %
+instead of 95. Residual terms are projected out of the data of every pair once, shapes are solved for
+(variable projection), and Gauss–Newton steps of poles and participations have exact derivatives.
 """
 
 from __future__ import annotations
