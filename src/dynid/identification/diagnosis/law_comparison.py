@@ -83,7 +83,7 @@ class LawComparison:
                 f"(BIC within {TIED_BIC:g}){failed}"
             )
         others = np.sort(self.bic[~np.isnan(self.bic)])
-        apart = f" (BIC lower by {others[1] - others[0]:.3g} than the next)" if len(others) > 1 else ""
+        apart = f" (BIC lower by {others[1] - others[0]:.4g} than the next)" if len(others) > 1 else ""
         return f"laws of {where}: this record distinguishes {tied[0]} from the others{apart}{failed}"
 
     def add_to(self, result: Result) -> None:
