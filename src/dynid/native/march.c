@@ -12,6 +12,7 @@
 #define LOADS 9     /* coefficients of the loads of a step */
 #define SLOPES 4    /* parameters of a law, its offset the last */
 #define GUARDS 2
+#define OPTIONS 6   /* numbers of a law that are no parameters: of a power the exponents, signs and kinks of d and v */
 #define MAX_NEWTON 30
 #define MAX_EVENTS 200
 #define MAX_LOCATIONS 12
@@ -24,15 +25,17 @@
 #define TOO_LONG 3
 
 typedef struct {
-  /* n states, nf joint forces, nu loads, nd directions, nr rows, nl laws, q columns of slopes, p of parameters, m modes */
-  int64_t n, nf, nu, nd, nr, nl, q, p, m, steps, lengths, regimes, scans, impulse;
+  /* n states, nf joint forces, nu loads, nd directions, nr rows (of which ns are needed to solve a step, the others for
+   * its energy), nl laws, q columns of slopes, p of parameters, m modes */
+  int64_t n, nf, nu, nd, nr, ns, nl, q, p, m, steps, lengths, regimes, scans, impulse;
   const double *rows, *D, *rate_A, *rate_D; /* nr x n, n x nd; acceleration of the deflections: nf x n, nf x nd */
   const int64_t *codes, *places;            /* nl */
-  const double *options, *values, *offsets, *statics; /* nl x 4, nl x 3, nl, nl x 5 */
+  const double *options, *values, *offsets, *statics; /* nl x OPTIONS, nl x 3, nl, nl x 5 */
   const double *by_laws, *by_rows, *by_loads, *by_forces;
-  const double *h, *coefficients, *nodes, *basis, *integrals, *scan, *scan_basis, *jump;
+  const double *h, *coefficients, *nodes, *basis, *integrals, *scan, *scan_basis, *load_basis, *jump, *jump_work;
   const int64_t *which, *sample;
-  /* Of each regime: folded stiffness and damping (nf); of each length tables; modes (complex). */
+  /* Of each regime: folded stiffness and damping (nf); of each length tables, whose last axis is that of the forces at
+   * all nodes, then of the loads there, then of further forces; modes (complex). */
   const double *k, *c, *P, *Q, *TR, *TI, *lam, *V, *iV, *iVD, *RV;
   const int64_t *diagonal;
   /* The state, with which a march goes on. */
@@ -53,15 +56,17 @@ typedef struct {
 
 /* A step in room that is used again: nodes x … as in the march of NumPy. */
 typedef struct {
-  double h, *P, *Q, *TR, *TI; /* tables */
+  double h, *P, *Q, *TR, *TI; /* tables; of a part of a step TI alone, and its modes: */
+  double complex *E, *weights, *y0, *y; /* INNER x m, INNER x NODES x m, m, INNER x m */
+  double *Y; /* of slopes: real and imaginary parts at the beginning, and at the end (4 x m x q) */
   double *u, *w, *z, *g, *linear, *J, *right, *moved;
   Force *law; /* NODES x nl */
   double *f, *fd, *fv; /* NODES x nf: total force and slopes */
   int64_t *pivots, *dynamic, count;
-  double *own_P, *own_Q, *own_TR, *own_TI, *next;
-  double *W, *further, *direct, *G, *Z, *acting;
-  double complex *phi, *weights, *product;
+  double *own_TI, *next;
+  double *W, *further, *direct, *G, *Z;
   int64_t regime;
+  int partial;
 } Step;
 
 INLINE double power(double x, double exponent) {
@@ -72,7 +77,16 @@ INLINE double power(double x, double exponent) {
   return pow(x, exponent);
 }
 
-INLINE int kinked(const double *o, int which) { return o[which] > 0.0 && fmod(o[which], 2.0) != o[2 + which]; }
+INLINE int kinked(const double *o, int which) { return o[4 + which] != 0.0; }
+INLINE int whole(double exponent) { return exponent == (double)(int64_t)exponent; }
+
+/* Clear a few numbers: a call, or a loop that a compiler makes one, takes longer than the law. */
+INLINE void cleared(double *at, int count) {
+  for (int k = 0; k < count; k += 4) {
+    store(at + k, (Aligned){0});
+    if (WIDE == 2) store(at + k + 2, (Aligned){0});
+  }
+}
 
 /* A factor of a power law and its slope, continued smoothly beyond the regime. */
 INLINE void factor(const double *o, int which, int64_t regime, double x, double *value, double *slope) {
@@ -87,14 +101,14 @@ INLINE void factor(const double *o, int which, int64_t regime, double x, double 
   }
   const double sign = regime >> which & 1 ? -1.0 : 1.0, odd = o[2 + which] != 0.0 ? sign : 1.0;
   double base = sign * x;
-  if (fmod(exponent, 1.0) != 0.0 && base < 0.0) base = 0.0;
+  if (base < 0.0 && !whole(exponent)) base = 0.0;
   *value = odd * power(base, exponent);
   *slope = odd * sign * exponent * power(base, exponent - 1.0);
 }
 
 INLINE void force(const March *t, int64_t l, int64_t r, double d, double v, double z, Force *o) {
-  const double *p = t->values + 3 * l, *s = t->statics + 5 * l, *opt = t->options + 4 * l;
-  memset(o, 0, sizeof *o);
+  const double *p = t->values + 3 * l, *s = t->statics + 5 * l, *opt = t->options + OPTIONS * l;
+  cleared((double *)o, sizeof *o / sizeof(double));
   const int64_t code = t->codes[l];
   const int shifted = code == 1 || code == 4;
   if (shifted) d += t->offsets[l];
@@ -113,7 +127,7 @@ INLINE void force(const March *t, int64_t l, int64_t r, double d, double v, doub
     o->f = p[0] * z, o->z = p[0], o->p[0] = z;
     const double sign = r & 2 ? -1.0 : 1.0, exponent = opt[0];
     double base = sign * z;
-    if (fmod(exponent, 1.0) != 0.0 && base < 0.0) base = 0.0;
+    if (base < 0.0 && !whole(exponent)) base = 0.0;
     const double raised = power(base, exponent), slope = sign * exponent * power(base, exponent - 1.0);
     const int loading = r == 0 || r == 3;
     const double change = loading ? -p[1] : p[2];
@@ -133,9 +147,9 @@ INLINE void force(const March *t, int64_t l, int64_t r, double d, double v, doub
 
 /* Fill the guards of a regime; return their number. */
 INLINE int guards(const March *t, int64_t l, int64_t r, double d, double v, double z, Guard *g) {
-  const double *p = t->values + 3 * l, *opt = t->options + 4 * l;
+  const double *p = t->values + 3 * l, *opt = t->options + OPTIONS * l;
   int count = 0;
-  memset(g, 0, GUARDS * sizeof *g);
+  for (int k = 0; k < GUARDS; k++) cleared((double *)(g + k), 8);
   if (t->codes[l] == 1) {
     const double x[2] = {d + t->offsets[l], v};
     for (int which = 0; which < 2; which++)
@@ -177,7 +191,7 @@ INLINE int guards(const March *t, int64_t l, int64_t r, double d, double v, doub
 }
 
 INLINE void tangent(const March *t, int64_t l, int64_t r, double *k, double *c) {
-  const double *p = t->values + 3 * l, *o = t->options + 4 * l;
+  const double *p = t->values + 3 * l, *o = t->options + OPTIONS * l;
   *k = *c = 0.0;
   if (t->codes[l] == 1) {
     if (o[0] == 1.0 && o[1] == 0.0 && o[2] != 0.0) *k = p[0];
@@ -207,73 +221,93 @@ INLINE int64_t place_of(const March *t) {
   return -1;
 }
 
+/* Complex numbers by their parts: the products of C look for infinities, in a call each. */
+INLINE double complex complex_of(double re, double im) {
+  double complex z;
+  __real__ z = re, __imag__ z = im;
+  return z;
+}
+INLINE double complex times(double complex a, double complex b) {
+  return complex_of(creal(a) * creal(b) - cimag(a) * cimag(b), creal(a) * cimag(b) + cimag(a) * creal(b));
+}
+INLINE double real_of(double complex a, double complex b) { return creal(a) * creal(b) - cimag(a) * cimag(b); }
+
+INLINE double scalar(int64_t n, const double *a, const double *b) {
+  double sum = 0.0;
+  for (int64_t i = 0; i < n; i++) sum += a[i] * b[i];
+  return sum;
+}
+
 INLINE void phi_functions(double complex z, double complex *out) {
   static const double factorial[] = {1.0, 1.0, 2.0, 6.0, 24.0, 120.0};
   out[0] = cexp(z);
-  if (cabs(z) > 1.0) {
-    for (int k = 0; k < NODES; k++) out[k + 1] = (out[k] - 1.0 / factorial[k]) / z;
+  const double size = creal(z) * creal(z) + cimag(z) * cimag(z);
+  if (size > 1.0) {
+    const double complex inverse = complex_of(creal(z) / size, -cimag(z) / size);
+    for (int k = 0; k < NODES; k++) out[k + 1] = times(out[k] - 1.0 / factorial[k], inverse);
     return;
   }
   double complex term = 1.0 / factorial[NODES], last = term;
   for (int k = 1; k < 20; k++) {
-    term = term * z / (NODES + k);
+    term = times(term, z) / (double)(NODES + k);
     last += term;
   }
   out[NODES] = last;
-  for (int k = NODES - 1; k > 0; k--) out[k] = z * out[k + 1] + 1.0 / factorial[k];
+  for (int k = NODES - 1; k > 0; k--) out[k] = times(z, out[k + 1]) + 1.0 / factorial[k];
 }
 
-/* Point the step at the tables of a regular step, or build those of a part by the modes. */
+/* Point the step at the tables of a regular step, or make what a part of one needs by the modes. */
 static int tables(const March *t, Step *o, int64_t regime, int64_t length, double h, int regular) {
-  const int64_t n = t->n, nd = t->nd, nr = t->nr, m = t->m, at = regime * t->lengths + length;
+  const int64_t n = t->n, nf = t->nf, nd = t->nd, nr = t->nr, ns = t->ns, m = t->m, at = regime * t->lengths + length;
+  const int64_t groups[] = {0, nf, nf + t->nu, nd};
   o->regime = regime;
   o->h = h;
+  o->partial = !regular;
   if (regular) {
     o->P = (double *)t->P + at * n * n, o->Q = (double *)t->Q + at * n * NODES * nd;
     o->TR = (double *)t->TR + at * INNER * nr * n, o->TI = (double *)t->TI + at * INNER * nr * NODES * nd;
     return DONE;
   }
   if (!t->diagonal[regime]) return NOT_DIAGONAL;
-  o->P = o->own_P, o->Q = o->own_Q, o->TR = o->own_TR, o->TI = o->own_TI;
+  o->TI = o->own_TI;
   const double complex *lam = (const double complex *)t->lam + regime * m;
-  const double complex *V = (const double complex *)t->V + regime * n * m;
   const double complex *iV = (const double complex *)t->iV + regime * m * n;
   const double complex *iVD = (const double complex *)t->iVD + regime * m * nd;
   const double complex *RV = (const double complex *)t->RV + regime * nr * m;
   static const double factorial[] = {1.0, 1.0, 2.0, 6.0, 24.0};
+  for (int64_t i = 0; i < m; i++) {
+    const double *right = (const double *)(iV + i * n);
+    double re = 0.0, im = 0.0;
+    for (int64_t s = 0; s < n; s++) re += right[2 * s] * t->x[s], im += right[2 * s + 1] * t->x[s];
+    o->y0[i] = complex_of(re, im);
+  }
   for (int e = 0; e < INNER; e++) {
     const double c = t->nodes[e + 1];
-    double complex *E = o->phi, *weights = o->weights; /* m; m x NODES */
+    double complex *weights = o->weights + e * NODES * m;
+    double by[NODES][NODES], raised = h * c;
+    for (int k = 0; k < NODES; k++, raised *= c)
+      for (int j = 0; j < NODES; j++) by[j][k] = t->basis[j * NODES + k] * factorial[k] * raised;
     for (int64_t i = 0; i < m; i++) {
       double complex phi[NODES + 1];
       phi_functions(lam[i] * (h * c), phi);
-      E[i] = phi[0];
+      o->E[e * m + i] = phi[0];
       for (int j = 0; j < NODES; j++) {
-        double complex sum = 0.0;
-        double raised = c;
-        for (int k = 0; k < NODES; k++) {
-          sum += t->basis[j * NODES + k] * factorial[k] * raised * phi[k + 1];
-          raised *= c;
-        }
-        weights[i * NODES + j] = h * sum;
+        double re = 0.0, im = 0.0;
+        for (int k = 0; k < NODES; k++) re += by[j][k] * creal(phi[k + 1]), im += by[j][k] * cimag(phi[k + 1]);
+        weights[j * m + i] = complex_of(re, im);
       }
     }
-    const int last = e == INNER - 1;
-    for (int64_t r = 0; r < nr + (last ? n : 0); r++) { /* rows at this node; of the last one the states, too */
-      const double complex *left = r < nr ? RV + r * m : V + (r - nr) * m;
-      double *to_state = r < nr ? o->TR + (e * nr + r) * n : o->P + (r - nr) * n;
-      double *to_force = r < nr ? o->TI + (e * nr + r) * NODES * nd : o->Q + (r - nr) * NODES * nd;
-      memset(to_state, 0, n * sizeof(double));
-      memset(to_force, 0, NODES * nd * sizeof(double));
-      for (int64_t i = 0; i < m; i++) {
-        const double complex a = left[i] * E[i];
-        const double ar = creal(a), ai = cimag(a);
-        const double *right = (const double *)(iV + i * n);
-        for (int64_t s = 0; s < n; s++) to_state[s] += ar * right[2 * s] - ai * right[2 * s + 1];
-        for (int j = 0; j < NODES; j++) {
-          const double complex b = left[i] * weights[i * NODES + j];
-          for (int64_t s = 0; s < nd; s++)
-            to_force[j * nd + s] += creal(b) * creal(iVD[i * nd + s]) - cimag(b) * cimag(iVD[i * nd + s]);
+    for (int64_t r = 0; r < ns; r++) {
+      double *to_force = o->TI + (e * nr + r) * NODES * nd;
+      for (int group = 0; group < 3; group++) {
+        const int64_t first = groups[group], count = groups[group + 1] - first;
+        for (int j = 0; j < NODES; j++, to_force += count) {
+          memset(to_force, 0, count * sizeof(double));
+          for (int64_t i = 0; i < m && count; i++) {
+            const double complex b = times(RV[r * m + i], weights[j * m + i]);
+            const double *right = (const double *)(iVD + i * nd + first);
+            for (int64_t s = 0; s < count; s++) to_force[s] += creal(b) * right[2 * s] - cimag(b) * right[2 * s + 1];
+          }
         }
       }
     }
@@ -305,12 +339,6 @@ INLINE void evaluate(const March *t, Step *o, int e) {
     force(t, l, t->state[l], o->w[e * t->nr + row], o->w[e * t->nr + nf + row], o->z[e * t->nl + l], law);
     f[row] += law->f, fd[row] += law->d, fv[row] += law->v;
   }
-}
-
-INLINE double scalar(int64_t n, const double *a, const double *b) {
-  double sum = 0.0;
-  for (int64_t i = 0; i < n; i++) sum += a[i] * b[i];
-  return sum;
 }
 
 /* Factorise in place with row exchanges; 0 if singular. */
@@ -366,8 +394,7 @@ static void jacobian(const March *t, Step *o) {
       double *line = J + ((e - 1) * nf + row) * size;
       const double by_d = o->fd[e * nf + row] - k[row], by_v = o->fv[e * nf + row] - c[row];
       const double *d = o->TI + ((e - 1) * nr + row) * NODES * nd, *v = o->TI + ((e - 1) * nr + nf + row) * NODES * nd;
-      for (int64_t j = 1; j < NODES; j++)
-        for (int64_t f = 0; f < nf; f++) line[(j - 1) * nf + f] -= by_d * d[j * nd + f] + by_v * v[j * nd + f];
+      for (int64_t j = 0; j < INNER * nf; j++) line[j] -= by_d * d[nf + j] + by_v * v[nf + j];
     }
   for (int64_t i = 0; i < nz; i++) {
     const int64_t l = o->dynamic[i], row = t->places[l];
@@ -378,9 +405,7 @@ static void jacobian(const March *t, Step *o) {
         const Force *law = o->law + j * nl + l;
         const double a = t->integrals[e * NODES + j] * o->h;
         const double *d = o->TI + ((j - 1) * nr + row) * NODES * nd, *v = o->TI + ((j - 1) * nr + nf + row) * NODES * nd;
-        for (int64_t m = 1; m < NODES; m++)
-          for (int64_t f = 0; f < nf; f++)
-            line[(m - 1) * nf + f] -= a * (law->rd * d[m * nd + f] + law->rv * v[m * nd + f]);
+        for (int64_t m = 0; m < INNER * nf; m++) line[m] -= a * (law->rd * d[nf + m] + law->rv * v[nf + m]);
         line[INNER * nf + (j - 1) * nz + i] -= a * law->rz;
       }
     }
@@ -388,33 +413,41 @@ static void jacobian(const March *t, Step *o) {
 }
 
 INLINE void fill_rows(const March *t, Step *o) {
+  const int64_t count = NODES * t->nf;
   for (int64_t e = 1; e < NODES; e++)
-    for (int64_t r = 0; r < t->nr; r++) {
-      const double *by = o->TI + ((e - 1) * t->nr + r) * NODES * t->nd;
-      double sum = o->linear[(e - 1) * t->nr + r];
-      for (int64_t j = 0; j < NODES; j++)
-        for (int64_t f = 0; f < t->nf; f++) sum += by[j * t->nd + f] * o->g[j * t->nf + f];
-      o->w[e * t->nr + r] = sum;
-    }
+    for (int64_t r = 0; r < t->ns; r++)
+      o->w[e * t->nr + r] =
+          o->linear[(e - 1) * t->nr + r] + scalar(count, o->TI + ((e - 1) * t->nr + r) * NODES * t->nd, o->g);
 }
 
 /* Solve for the joint forces at the nodes, with loads from a part of a regular step on. */
 static int solved(const March *t, Step *o, int64_t step, double begin, double part) {
-  const int64_t n = t->n, nf = t->nf, nu = t->nu, nr = t->nr, nl = t->nl, nd = t->nd;
+  const int64_t n = t->n, nf = t->nf, nu = t->nu, nr = t->nr, ns = t->ns, nl = t->nl, nd = t->nd, m = t->m;
   const double *k = t->k + o->regime * nf, *c = t->c + o->regime * nf;
+  const double complex *RV = (const double complex *)t->RV + o->regime * nr * m;
   o->count = 0;
   for (int64_t l = 0; l < nl; l++)
     if (t->codes[l] == 3) o->dynamic[o->count++] = l;
-  for (int64_t e = 0; e < NODES; e++) loads_at(t, step, begin + part * t->nodes[e], o->u + e * nu);
-  for (int64_t r = 0; r < nr; r++) o->w[r] = scalar(n, t->rows + r * n, t->x);
+  if (part == 1.0) { /* a whole step: the polynomials of the loads at the nodes are tabulated */
+    memset(o->u, 0, NODES * nu * sizeof(double));
+    for (int e = 0; e < NODES; e++)
+      for (int i = 0; i < LOADS; i++)
+        for (int64_t j = 0; j < nu; j++)
+          o->u[e * nu + j] += t->load_basis[e * LOADS + i] * t->coefficients[(step * LOADS + i) * nu + j];
+  } else {
+    for (int64_t e = 0; e < NODES; e++) loads_at(t, step, begin + part * t->nodes[e], o->u + e * nu);
+  }
+  for (int64_t r = 0; r < ns; r++) o->w[r] = scalar(n, t->rows + r * n, t->x);
   memcpy(o->z, t->z, nl * sizeof(double));
   evaluate(t, o, 0);
   for (int64_t e = 1; e < NODES; e++)
-    for (int64_t r = 0; r < nr; r++) {
-      const double *by = o->TI + ((e - 1) * nr + r) * NODES * nd;
-      double sum = scalar(n, o->TR + ((e - 1) * nr + r) * n, t->x);
-      for (int64_t j = 0; j < NODES; j++)
-        for (int64_t i = 0; i < nu; i++) sum += by[j * nd + nf + i] * o->u[j * nu + i];
+    for (int64_t r = 0; r < ns; r++) {
+      double sum = 0.0;
+      if (o->partial)
+        for (int64_t i = 0; i < m; i++) sum += real_of(RV[r * m + i], times(o->E[(e - 1) * m + i], o->y0[i]));
+      else
+        sum = scalar(n, o->TR + ((e - 1) * nr + r) * n, t->x);
+      sum += scalar(NODES * nu, o->TI + ((e - 1) * nr + r) * NODES * nd + NODES * nf, o->u);
       o->linear[(e - 1) * nr + r] = sum;
     }
   for (int64_t e = 0; e < NODES; e++) {
@@ -423,6 +456,7 @@ static int solved(const March *t, Step *o, int64_t step, double begin, double pa
       o->z[e * nl + l] = t->z[l] + t->nodes[e] * o->h * (t->codes[l] == 3 ? o->law[l].rate : 0.0);
   }
   const int64_t nz = o->count, size = INNER * (nf + nz);
+  double before = 0.0, before_z = 0.0;
   for (int turn = 0; turn < MAX_NEWTON; turn++) {
     fill_rows(t, o);
     double of_force = 0.0, of_rest = 0.0, of_z = 0.0, moved = 0.0, moved_z = 0.0;
@@ -457,7 +491,10 @@ static int solved(const March *t, Step *o, int64_t step, double begin, double pa
     }
     for (int64_t i = 0; i < NODES * nf; i++) of_force = fmax(of_force, fabs(o->f[i])), of_rest = fmax(of_rest, fabs(o->g[i]));
     for (int64_t i = 0; i < NODES * nl; i++) of_z = fmax(of_z, fabs(o->z[i]));
-    if (moved <= NEWTON_TOL * (of_force + of_rest) + 1e-300 && moved_z <= NEWTON_TOL * of_z + 1e-300) {
+    /* The next change is smaller by as much as this one was, at least. */
+    const double next = moved * fmin(1.0, moved / before), next_z = moved_z * fmin(1.0, moved_z / before_z);
+    before = moved, before_z = moved_z;
+    if (!(next > NEWTON_TOL * (of_force + of_rest) + 1e-300) && !(next_z > NEWTON_TOL * of_z + 1e-300)) {
       fill_rows(t, o);
       for (int64_t e = 0; e < NODES; e++) evaluate(t, o, e);
       return DONE;
@@ -469,8 +506,13 @@ static int solved(const March *t, Step *o, int64_t step, double begin, double pa
 /* Solve the variational equation over a step, with the factors of Newton's last matrix. */
 static void sensitivities(const March *t, Step *o) {
   const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, nr = t->nr, nl = t->nl, q = t->q, p = t->p;
-  const int64_t r = nd - nf - nu, w = nr - 2 * nf, nz = o->count, size = INNER * (nf + nz);
+  const int64_t r = nd - nf - nu, ns = t->ns, w = ns - 2 * nf, nz = o->count, size = INNER * (nf + nz), m = t->m;
   const double *k = t->k + o->regime * nf, *c = t->c + o->regime * nf;
+  const double complex *V = (const double complex *)t->V + o->regime * n * m;
+  const double complex *iV = (const double complex *)t->iV + o->regime * m * n;
+  const double complex *iVD = (const double complex *)t->iVD + o->regime * m * nd;
+  const double complex *RV = (const double complex *)t->RV + o->regime * nr * m;
+  double *re = o->Y, *im = re + m * q, *end_re = im + m * q, *end_im = end_re + m * q;
   double *W = o->W, *further = o->further, *G = o->G, *Z = o->Z, *direct = o->direct;
   memset(direct, 0, NODES * nf * q * sizeof(double));
   memset(further, 0, NODES * r * q * sizeof(double));
@@ -488,20 +530,34 @@ static void sensitivities(const March *t, Step *o) {
           for (int64_t a = 0; a < p; a++) direct[(e * nf + t->places[l]) * q + a] += slope * by[a];
       }
   }
+  if (o->partial) {
+    memset(re, 0, 2 * m * q * sizeof(double));
+    for (int64_t i = 0; i < m; i++)
+      for (int64_t s = 0; s < n; s++) {
+        const double br = creal(iV[i * n + s]), bi = cimag(iV[i * n + s]);
+        for (int64_t a = 0; a < q; a++) re[i * q + a] += br * t->S[s * q + a], im[i * q + a] += bi * t->S[s * q + a];
+      }
+  }
   for (int64_t e = 0; e < NODES; e++)
-    for (int64_t i = 0; i < nr; i++) {
-      const double *by = e ? o->TR + ((e - 1) * nr + i) * n : t->rows + i * n;
+    for (int64_t i = 0; i < ns; i++) {
       double *line = W + (e * nr + i) * q;
       memset(line, 0, q * sizeof(double));
-      for (int64_t s = 0; s < n; s++)
-        if (by[s] != 0.0)
-          for (int64_t a = 0; a < q; a++) line[a] += by[s] * t->S[s * q + a];
+      if (e && o->partial) {
+        for (int64_t s = 0; s < m; s++) {
+          const double complex b = times(RV[i * m + s], o->E[(e - 1) * m + s]);
+          for (int64_t a = 0; a < q; a++) line[a] += creal(b) * re[s * q + a] - cimag(b) * im[s * q + a];
+        }
+      } else {
+        const double *by = e ? o->TR + ((e - 1) * nr + i) * n : t->rows + i * n;
+        for (int64_t s = 0; s < n; s++)
+          if (by[s] != 0.0)
+            for (int64_t a = 0; a < q; a++) line[a] += by[s] * t->S[s * q + a];
+      }
       if (e)
-        for (int64_t j = 0; j < NODES; j++)
-          for (int64_t s = 0; s < r; s++) {
-            const double to = o->TI[(((e - 1) * nr + i) * NODES + j) * nd + nf + nu + s];
-            for (int64_t a = 0; a < p; a++) line[a] += to * further[(j * r + s) * q + a];
-          }
+        for (int64_t j = 0; j < NODES * r; j++) {
+          const double to = o->TI[((e - 1) * nr + i) * NODES * nd + NODES * (nf + nu) + j];
+          for (int64_t a = 0; a < p; a++) line[a] += to * further[j * q + a];
+        }
     }
   for (int64_t row = 0; row < nf; row++) { /* the rest of the force at the beginning */
     const double by_d = o->fd[row] - k[row], by_v = o->fv[row] - c[row];
@@ -510,7 +566,7 @@ static void sensitivities(const March *t, Step *o) {
   for (int64_t l = 0; l < nl; l++)
     for (int64_t a = 0; a < q; a++) G[t->places[l] * q + a] += o->law[l].z * t->T[l * q + a];
   for (int64_t e = 1; e < NODES; e++)
-    for (int64_t i = 0; i < nr; i++)
+    for (int64_t i = 0; i < ns; i++)
       for (int64_t f = 0; f < nf; f++) {
         const double to = o->TI[((e - 1) * nr + i) * NODES * nd + f];
         for (int64_t a = 0; a < q; a++) W[(e * nr + i) * q + a] += to * G[f * q + a];
@@ -549,42 +605,108 @@ static void sensitivities(const March *t, Step *o) {
   }
   solve(size, o->J, o->pivots, q, right);
   memcpy(G + nf * q, right, INNER * nf * q * sizeof(double));
+  if (o->partial)
+    for (int64_t i = 0; i < m; i++) {
+      const double complex E = o->E[(INNER - 1) * m + i];
+      for (int64_t a = 0; a < q; a++) {
+        end_re[i * q + a] = creal(E) * re[i * q + a] - cimag(E) * im[i * q + a];
+        end_im[i * q + a] = creal(E) * im[i * q + a] + cimag(E) * re[i * q + a];
+      }
+      for (int64_t j = 0; j < NODES; j++) {
+        const double complex weight = o->weights[((INNER - 1) * NODES + j) * m + i];
+        for (int64_t f = 0; f < nf; f++) {
+          const double complex b = times(weight, iVD[i * nd + f]);
+          const double *from = G + (j * nf + f) * q;
+          for (int64_t a = 0; a < q; a++) end_re[i * q + a] += creal(b) * from[a], end_im[i * q + a] += cimag(b) * from[a];
+        }
+        for (int64_t s = 0; s < r; s++) {
+          const double complex b = times(weight, iVD[i * nd + nf + nu + s]);
+          const double *from = further + (j * r + s) * q;
+          for (int64_t a = 0; a < p; a++) end_re[i * q + a] += creal(b) * from[a], end_im[i * q + a] += cimag(b) * from[a];
+        }
+      }
+    }
   for (int64_t i = 0; i < n; i++) {
     double *line = o->moved + i * q;
-    const double *by = o->P + i * n;
     memset(line, 0, q * sizeof(double));
+    if (o->partial) {
+      for (int64_t s = 0; s < m; s++) {
+        const double br = creal(V[i * m + s]), bi = cimag(V[i * m + s]);
+        for (int64_t a = 0; a < q; a++) line[a] += br * end_re[s * q + a] - bi * end_im[s * q + a];
+      }
+      continue;
+    }
+    const double *by = o->P + i * n, *to = o->Q + i * NODES * nd;
     for (int64_t s = 0; s < n; s++)
       if (by[s] != 0.0)
         for (int64_t a = 0; a < q; a++) line[a] += by[s] * t->S[s * q + a];
-    for (int64_t j = 0; j < NODES; j++) {
-      const double *to = o->Q + (i * NODES + j) * nd;
-      for (int64_t f = 0; f < nf; f++)
-        for (int64_t a = 0; a < q; a++) line[a] += to[f] * G[(j * nf + f) * q + a];
-      for (int64_t s = 0; s < r; s++)
-        for (int64_t a = 0; a < p; a++) line[a] += to[nf + nu + s] * further[(j * r + s) * q + a];
-    }
+    for (int64_t j = 0; j < NODES * nf; j++)
+      for (int64_t a = 0; a < q; a++) line[a] += to[j] * G[j * q + a];
+    for (int64_t j = 0; j < NODES * r; j++)
+      for (int64_t a = 0; a < p; a++) line[a] += to[NODES * (nf + nu) + j] * further[j * q + a];
   }
   memcpy(t->S, o->moved, n * q * sizeof(double));
   for (int64_t i = 0; i < nz; i++)
     memcpy(t->T + o->dynamic[i] * q, right + (INNER * nf + (INNER - 1) * nz + i) * q, q * sizeof(double));
 }
 
+/* Add the work of the loads and what the dampers of the rest dissipate over a step; their rows are the last ones. */
+static void add_energy(const March *t, Step *o) {
+  const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, nr = t->nr, m = t->m;
+  const double complex *RV = (const double complex *)t->RV + o->regime * nr * m;
+  for (int64_t e = 0; e < NODES; e++)
+    for (int64_t r = t->ns; r < nr; r++) {
+      double w = 0.0;
+      if (!e) {
+        w = scalar(n, t->rows + r * n, t->x);
+      } else if (o->partial) {
+        for (int64_t i = 0; i < m; i++) w += real_of(RV[r * m + i], o->y[(e - 1) * m + i]);
+      } else {
+        const double *by = o->TI + ((e - 1) * nr + r) * NODES * nd;
+        w = scalar(n, o->TR + ((e - 1) * nr + r) * n, t->x) + scalar(NODES * nf, by, o->g);
+        w += scalar(NODES * nu, by + NODES * nf, o->u);
+      }
+      const int64_t load = r - t->ns;
+      const double weight = o->h * t->integrals[INNER * NODES + e];
+      if (load < nu) t->work[nf] += weight * w * o->u[e * nu + load];
+      else t->work[nf + 1] += weight * w * w;
+    }
+}
+
 /* Go to the end of a step. */
 static void accept(const March *t, Step *o) {
-  const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd;
+  const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, m = t->m;
   if (t->q) { /* Newton's last matrix is that of the iterate before: at the solution it is made again */
     jacobian(t, o);
     factorise(INNER * (nf + o->count), o->J, o->pivots);
     sensitivities(t, o);
   }
-  for (int64_t i = 0; i < n; i++) {
-    double sum = scalar(n, o->P + i * n, t->x);
-    for (int64_t j = 0; j < NODES; j++) {
-      const double *to = o->Q + (i * NODES + j) * nd;
-      sum += scalar(nf, to, o->g + j * nf) + scalar(nu, to + nf, o->u + j * nu);
+  if (o->partial) {
+    const double complex *V = (const double complex *)t->V + o->regime * n * m;
+    const double complex *iVD = (const double complex *)t->iVD + o->regime * m * nd;
+    for (int64_t e = t->nr > t->ns ? 0 : INNER - 1; e < INNER; e++)
+      for (int64_t i = 0; i < m; i++) {
+        double complex sum = times(o->E[e * m + i], o->y0[i]);
+        for (int64_t j = 0; j < NODES; j++) {
+          double complex acting = 0.0;
+          for (int64_t f = 0; f < nf; f++) acting += iVD[i * nd + f] * o->g[j * nf + f];
+          for (int64_t k = 0; k < nu; k++) acting += iVD[i * nd + nf + k] * o->u[j * nu + k];
+          sum += times(o->weights[(e * NODES + j) * m + i], acting);
+        }
+        o->y[e * m + i] = sum;
+      }
+    for (int64_t i = 0; i < n; i++) {
+      double sum = 0.0;
+      for (int64_t s = 0; s < m; s++) sum += real_of(V[i * m + s], o->y[(INNER - 1) * m + s]);
+      o->next[i] = sum;
     }
-    o->next[i] = sum;
+  } else {
+    for (int64_t i = 0; i < n; i++) {
+      const double *to = o->Q + i * NODES * nd;
+      o->next[i] = scalar(n, o->P + i * n, t->x) + scalar(NODES * nf, to, o->g) + scalar(NODES * nu, to + NODES * nf, o->u);
+    }
   }
+  if (t->nr > t->ns) add_energy(t, o);
   memcpy(t->x, o->next, n * sizeof(double));
   memcpy(t->z, o->z + INNER * t->nl, t->nl * sizeof(double));
   for (int64_t j = 0; j < NODES; j++)
@@ -653,18 +775,28 @@ static int first_event(const March *t, const Step *o, Event *event) {
   double last = 0.0;
   for (int64_t l = 0; l < t->nl; l++) {
     Guard own[GUARDS];
-    const int count = guards(t, l, t->state[l], 0.0, 0.0, 0.0, own);
-    for (int number = 0; number < count; number++)
-      for (int64_t i = 0; i < t->scans; i++) {
-        if (any && t->scan[i] > last) break;
-        if (!(guard_at(t, o, l, number, t->scan_basis + i * NODES, NULL) < 0.0)) continue;
+    const int64_t row = t->places[l], regime = t->state[l];
+    const int count = guards(t, l, regime, 0.0, 0.0, 0.0, own);
+    int located[GUARDS] = {0};
+    for (int64_t i = 0; i < t->scans && count && !(any && t->scan[i] > last); i++) {
+      const double *basis = t->scan_basis + i * NODES;
+      double d = 0.0, v = 0.0, z = 0.0;
+      for (int j = 0; j < NODES; j++) {
+        d += basis[j] * o->w[j * t->nr + row];
+        v += basis[j] * o->w[j * t->nr + t->nf + row];
+        z += basis[j] * o->z[j * t->nl + l];
+      }
+      guards(t, l, regime, d, v, z, own);
+      for (int number = 0; number < count; number++) {
+        if (located[number] || !(own[number].value < 0.0)) continue;
+        located[number] = 1;
         const double theta = root(t, o, l, number, i ? t->scan[i - 1] : 0.0, t->scan[i]);
         if (!any || theta < event->theta) {
           event->theta = theta, event->law = l, event->number = number, last = t->scan[i];
           any = 1;
         }
-        break;
       }
+    }
   }
   return any;
 }
@@ -682,7 +814,7 @@ INLINE void slopes_of(const March *t, const Step *o, int64_t l, double d, double
 /* Evaluate rows, their slopes and the laws at the state. */
 static void at_state(const March *t, Step *o) {
   const int64_t n = t->n, q = t->q;
-  for (int64_t r = 0; r < t->nr; r++) {
+  for (int64_t r = 0; r < t->ns; r++) {
     const double *by = t->rows + r * n;
     double *line = o->W + r * q;
     o->w[r] = scalar(n, by, t->x);
@@ -786,7 +918,7 @@ static void keep(const March *t, Step *o, int64_t sample) {
   memcpy(t->states + sample * n, t->x, n * sizeof(double));
   memcpy(t->hidden + sample * nl, t->z, nl * sizeof(double));
   memcpy(t->forces + sample * nf, o->f, nf * sizeof(double));
-  memcpy(t->works + sample * nf, t->work, nf * sizeof(double));
+  memcpy(t->works + sample * (nf + 2), t->work, (nf + 2) * sizeof(double));
   memcpy(t->regime_of + sample * nl, t->state, nl * sizeof(int64_t));
   memcpy(t->slopes + sample * n * q, t->S, n * q * sizeof(double));
   memcpy(t->hidden_slopes + sample * nl * q, t->T, nl * q * sizeof(double));
@@ -804,8 +936,8 @@ ENTRY int64_t dynid_march(const March *t) {
   const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, nr = t->nr, nl = t->nl, q = t->q, m = t->m;
   const int64_t r = nd - nf - nu, size = INNER * (nf + nl), wide = q > 1 ? q : 1;
   const int64_t doubles = NODES * (nu + nr + nl + nf) + INNER * nr + nf + size * size + size * wide + n * q + 3 * NODES * nf +
-                          n * n + n * NODES * nd + INNER * nr * n + INNER * nr * NODES * nd + n + NODES * nr * q +
-                          NODES * r * q + 2 * NODES * nf * q + NODES * q + 2 * q + 2 * m * (1 + NODES);
+                          INNER * nr * NODES * nd + n + NODES * nr * q + NODES * r * q + 2 * NODES * nf * q + NODES * q +
+                          2 * q + 2 * m * (1 + INNER * (2 + NODES)) + 4 * m * q;
   double *all = calloc(doubles + 64, sizeof(double)), *arena = all;
   int64_t *whole = calloc(size + nl + 1, sizeof(int64_t));
   Force *laws = calloc(NODES * nl + 1, sizeof(Force));
@@ -816,11 +948,11 @@ ENTRY int64_t dynid_march(const March *t) {
   }
 #define ROOM(count) (arena += (count), arena - (count))
   Step o = {.law = laws, .pivots = whole, .dynamic = whole + size};
-  o.phi = (double complex *)ROOM(2 * m), o.weights = (double complex *)ROOM(2 * m * NODES);
+  o.E = (double complex *)ROOM(2 * m * INNER), o.weights = (double complex *)ROOM(2 * m * INNER * NODES);
+  o.y0 = (double complex *)ROOM(2 * m), o.y = (double complex *)ROOM(2 * m * INNER), o.Y = ROOM(4 * m * q);
   o.u = ROOM(NODES * nu), o.w = ROOM(NODES * nr), o.z = ROOM(NODES * nl), o.g = ROOM(NODES * nf);
   o.linear = ROOM(INNER * nr + nf), o.J = ROOM(size * size), o.right = ROOM(size * wide), o.moved = ROOM(n * q);
   o.f = ROOM(NODES * nf), o.fd = ROOM(NODES * nf), o.fv = ROOM(NODES * nf);
-  o.own_P = ROOM(n * n), o.own_Q = ROOM(n * NODES * nd), o.own_TR = ROOM(INNER * nr * n);
   o.own_TI = ROOM(INNER * nr * NODES * nd), o.next = ROOM(n);
   o.W = ROOM(NODES * nr * q), o.further = ROOM(NODES * r * q), o.direct = ROOM(NODES * nf * q);
   o.G = ROOM(NODES * nf * q), o.Z = ROOM(NODES * q + 2 * q);
@@ -829,7 +961,10 @@ ENTRY int64_t dynid_march(const March *t) {
     const int64_t step = t->at[0];
     if (t->done[0] == 0.0 && !t->at[3]) { /* at the beginning of a step, once */
       if (step == t->impulse)
-        for (int64_t i = 0; i < n; i++) t->x[i] += t->jump[i];
+        for (int64_t i = 0; i < n; i++) {
+          t->work[nf] += (t->x[i] + t->jump[i] / 2.0) * t->jump_work[i];
+          t->x[i] += t->jump[i];
+        }
       if (t->sample[step] >= 0) keep(t, &o, t->sample[step]);
       t->at[3] = 1;
     }

@@ -123,7 +123,7 @@ class Power(Law):
             exponent > 0 and exponent % 2 != float(odd)
             for exponent, odd in zip(self.exponents, self.odd, strict=True)
         )
-        self.options = (*self.exponents, *map(float, self.odd))
+        self.options = (*self.exponents, *map(float, (*self.odd, *self.kinked)))
 
     def _factor(self, which: int, regime: int, x: Any) -> tuple[Any, Any]:
         """Return a factor and its derivative, continued smoothly beyond the regime."""

@@ -23,16 +23,17 @@ from dynid.structure.nonlinear.tables import (
     Motion,
     Refine,
     Regime,
+    Regimes,
     Steps,
     first_regimes,
-    folded,
+    load_polynomials,
     lobatto,
 )
 
 # What `dynid_march` returns.
 _DONE, _NEEDS_REGIME, _NOT_DIAGONAL = 0, 1, 2
-# Parameters of a law, without its offset.
-_PARAMETERS = 3
+# Parameters of a law, without its offset; numbers of it that are no parameters.
+_PARAMETERS, _OPTIONS = 3, 6
 
 
 def _plain(array: Any) -> Array:
@@ -44,8 +45,7 @@ def _padded(numbers: Sequence[float], width: int) -> list[float]:
 
 
 def march(
-    rest: LinearRest,
-    laws: Sequence[BoundLaw],
+    regimes: Regimes,
     steps: Steps,
     x0: Array,
     z0: Array,
@@ -55,6 +55,7 @@ def march(
     impulse: tuple[int, Array] | None,
 ) -> Motion | None:
     """Return the motion as `march.march`; None where NumPy has to follow it. Raises Refine as that."""
+    rest, laws = regimes.rest, regimes.laws
     n, nf, nl = len(x0), rest.forces, len(laws)
     p = 0 if columns is None else len(columns.by_rows)
     q, samples = p + (n + nl) * first, len(steps.samples)
@@ -68,22 +69,22 @@ def march(
         S[:, p : p + n], T[:, p + n :] = np.eye(n), np.eye(nl)
     acceleration = rest.rows[nf : 2 * nf]
     state: dict[str, Any] = {
-        "x": x0.copy(), "z": z0.copy(), "S": S, "T": T, "work": np.zeros(nf), "done": np.zeros(1),
+        "x": x0.copy(), "z": z0.copy(), "S": S, "T": T, "work": np.zeros(nf + 2), "done": np.zeros(1),
         "wanted": np.zeros(2 * nf), "state": np.array(first_regimes(rest, laws, x0, z0), dtype=np.int64),
         "at": np.zeros(4, dtype=np.int64),
     }  # fmt: skip
     out: dict[str, Any] = {
         "states": np.empty((samples, n)), "hidden": np.empty((samples, nl)),
-        "forces": np.empty((samples, nf)), "works": np.empty((samples, nf)),
+        "forces": np.empty((samples, nf)), "works": np.empty((samples, nf + 2)),
         "slopes": np.empty((samples, n, q)), "force_slopes": np.empty((samples, nf, q)),
         "hidden_slopes": np.empty((samples, nl, q)),
         "regime_of": np.empty((samples, nl), dtype=np.int64),
     }  # fmt: skip
     fixed: dict[str, Any] = {
-        "rows": rest.rows, "D": rest.D, "rate_A": acceleration @ rest.A, "rate_D": acceleration @ rest.D,
+        "rows": rest.all_rows, "D": rest.D, "rate_A": acceleration @ rest.A, "rate_D": acceleration @ rest.D,
         "codes": np.array([law.law.code for law in laws], dtype=np.int64),
         "places": np.array([law.row for law in laws], dtype=np.int64),
-        "options": [_padded(law.law.options, 4) for law in laws],
+        "options": [_padded(law.law.options, _OPTIONS) for law in laws],
         "values": [_padded(law.values, _PARAMETERS) for law in laws],
         "offsets": [law.offset for law in laws],
         "statics": [
@@ -94,7 +95,8 @@ def march(
         "by_rows": np.zeros(0), "by_loads": np.zeros(0), "by_forces": np.zeros(0),
         "h": lengths, "coefficients": steps.coefficients, "nodes": c, "basis": L, "integrals": integrals,
         "scan": SCAN, "scan_basis": np.vander(SCAN, NODES, increasing=True) @ L.T,
-        "jump": np.zeros(n) if impulse is None else impulse[1],
+        "load_basis": load_polynomials(c), "jump": np.zeros(n) if impulse is None else impulse[1],
+        "jump_work": np.zeros(n) if impulse is None else rest.work_of(impulse[1]),
         "which": which.astype(np.int64), "sample": sample,
     }  # fmt: skip
     if columns is not None:
@@ -103,12 +105,12 @@ def march(
         fixed |= {"by_rows": columns.by_rows, "by_loads": columns.by_loads, "by_forces": columns.by_forces}
     integers = {"codes", "places", "which", "sample"}
     fixed = {name: array if name in integers else _plain(array) for name, array in fixed.items()}
-    regimes = [Regime(rest, *folded(rest, laws, state["state"].tolist()))]
-    tables = _tables(rest, regimes, lengths)
+    entered = [regimes.at(state["state"].tolist())]
+    tables = _tables(rest, entered, lengths)
     while True:
         members = structure(
-            n=n, nf=nf, nu=rest.loads, nd=rest.D.shape[1], nr=len(rest.rows), nl=nl, q=q, p=p,
-            m=tables.pop("m"), steps=last, lengths=len(lengths), regimes=len(regimes), scans=len(SCAN),
+            n=n, nf=nf, nu=rest.loads, nd=rest.D.shape[1], nr=len(rest.all_rows), ns=len(rest.rows), nl=nl,
+            q=q, p=p, m=tables.pop("m"), steps=last, lengths=len(lengths), regimes=len(entered), scans=len(SCAN),
             impulse=-1 if impulse is None else impulse[0], **fixed, **tables, **state, **out,
         )  # fmt: skip
         status = call("dynid_march", members)
@@ -118,8 +120,8 @@ def march(
             return None
         if status != _NEEDS_REGIME:
             raise Refine("the joint forces of a step do not converge, or their regimes change without end")
-        regimes.append(Regime(rest, state["wanted"][:nf].copy(), state["wanted"][nf:].copy()))
-        tables = _tables(rest, regimes, lengths)
+        entered.append(regimes.folding(state["wanted"][:nf].copy(), state["wanted"][nf:].copy()))
+        tables = _tables(rest, entered, lengths)
     names = ("states", "hidden", "forces", "regime_of", "works", "slopes", "force_slopes", "hidden_slopes")
     arrays = (out[name] for name in names)
     return Motion._make((*arrays, *map(int, state["at"][1:3])))
@@ -131,17 +133,17 @@ def _tables(rest: LinearRest, regimes: Sequence[Regime], lengths: Array) -> dict
     arrays: dict[str, Any] = {
         "k": [regime.k for regime in regimes], "c": [regime.c for regime in regimes],
         "P": [[table.P for table in row] for row in regular],
-        "Q": [[table.Q for table in row] for row in regular],
+        "Q": [[_grouped(rest, table.Q) for table in row] for row in regular],
         "TR": [[table.rows for table in row] for row in regular],
-        "TI": [[table.influence for table in row] for row in regular],
+        "TI": [[_grouped(rest, table.influence) for table in row] for row in regular],
     }  # fmt: skip
     # Of a pair of conjugate modes the one above the real axis, twice; modes that are absent are zeros.
-    n, m = len(rest.A), 1
+    n, rows = len(rest.A), rest.all_rows
     kept = [
         np.zeros(0, dtype=int) if r.modes is None else np.flatnonzero(r.modes[0].imag >= 0) for r in regimes
     ]
     m = max([1, *map(len, kept)])
-    shapes = {"lam": (m,), "V": (n, m), "iV": (m, n), "iVD": (m, rest.D.shape[1]), "RV": (len(rest.rows), m)}
+    shapes = {"lam": (m,), "V": (n, m), "iV": (m, n), "iVD": (m, rest.D.shape[1]), "RV": (len(rows), m)}
     modes = {name: np.zeros((len(regimes), *shape), dtype=complex) for name, shape in shapes.items()}
     for index, (regime, keep) in enumerate(zip(regimes, kept, strict=True)):
         if regime.modes is None:
@@ -150,7 +152,13 @@ def _tables(rest: LinearRest, regimes: Sequence[Regime], lengths: Array) -> dict
         count, V = len(keep), V[:, keep] * np.where(lam[keep].imag > 0, 2.0, 1.0)
         modes["lam"][index, :count], modes["V"][index, :, :count] = lam[keep], V
         modes["iV"][index, :count], modes["iVD"][index, :count] = inverse[keep], inverse[keep] @ rest.D
-        modes["RV"][index, :, :count] = rest.rows @ V
+        modes["RV"][index, :, :count] = rows @ V
     arrays |= {name: array.view(float) for name, array in modes.items()}
     diagonal = np.array([regime.modes is not None for regime in regimes], dtype=np.int64)
     return {"m": m, **{name: _plain(array) for name, array in arrays.items()}, "diagonal": diagonal}
+
+
+def _grouped(rest: LinearRest, responses: Array) -> Array:
+    """Return responses to forces at the nodes (… x s x nd): to joint forces first, loads, then further ones."""
+    groups = np.split(responses, [rest.forces, rest.forces + rest.loads], axis=-1)
+    return np.concatenate([group.reshape(*group.shape[:-2], -1) for group in groups], axis=-1)

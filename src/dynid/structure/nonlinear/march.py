@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,10 +33,10 @@ from dynid.structure.nonlinear.tables import (
     Motion,
     Refine,
     Regime,
+    Regimes,
     Steps,
     Tables,
     first_regimes,
-    folded,
     lobatto,
 )
 
@@ -59,8 +59,7 @@ _MAX_PARTS = 64
 class _March:
     """The state of a march."""
 
-    rest: LinearRest
-    laws: Sequence[BoundLaw]
+    kept: Regimes
     loads: Steps
     columns: Columns | None
     x: Array
@@ -71,16 +70,21 @@ class _March:
     work: Array  # done on the laws (nf), J
     events: int = 0
     steps: int = 0
-    cache: dict[tuple[float, ...], Regime] = field(default_factory=dict)
+
+    @property
+    def rest(self) -> LinearRest:
+        """The linear rest."""
+        return self.kept.rest
+
+    @property
+    def laws(self) -> Sequence[BoundLaw]:
+        """The laws."""
+        return self.kept.laws
 
     @property
     def regime(self) -> Regime:
         """The rest with the tangents of the regimes."""
-        k, c = folded(self.rest, self.laws, self.regimes)
-        key = (*k.tolist(), *c.tolist())
-        if key not in self.cache:
-            self.cache[key] = Regime(self.rest, k, c)
-        return self.cache[key]
+        return self.kept.at(self.regimes)
 
     def forces(self, w: Array, z: Array) -> _Forces:
         """Return the forces at nodes with rows w (nodes x rows) and hidden states z (nodes x laws)."""
@@ -109,8 +113,8 @@ class _March:
         regime, nf, nu = self.regime, self.rest.forces, self.rest.loads
         _, _, integrals = lobatto()
         a, influence = integrals * tables.h, tables.influence
-        w = np.empty((NODES, len(self.rest.rows)))
-        w[0] = self.rest.rows @ self.x
+        w = np.empty((NODES, len(regime.R)))
+        w[0] = regime.R @ self.x
         start = self.forces(w[:1], self.z[None])
         linear = tables.rows @ self.x + np.einsum("erju,ju->er", influence[..., nf : nf + nu], u)
         g = np.repeat(start.value - regime.k * w[:1, :nf] - regime.c * w[:1, nf : 2 * nf], NODES, axis=0)
@@ -119,7 +123,7 @@ class _March:
         ]
         z = np.repeat(self.z[None], NODES, axis=0)
         z[1:, dynamic] += integrals[1:].sum(axis=1)[:, None] * tables.h * start.rate[:, dynamic]
-        R = influence[..., :nf]
+        R, before = influence[..., :nf], (0.0, 0.0)
         for _ in range(_MAX_NEWTON):
             w[1:] = linear + np.einsum("erjf,jf->er", R, g)
             f = self.forces(w, z)
@@ -134,7 +138,10 @@ class _March:
             z[1:, dynamic] += change[size:].reshape(NODES - 1, len(dynamic))
             moved = np.abs(change[:size]).max(initial=0.0), np.abs(change[size:]).max(initial=0.0)
             scale = np.abs(f.value).max(initial=0.0) + np.abs(g).max(), np.abs(z).max(initial=0.0)
-            if all(m <= _NEWTON_TOL * s + 1e-300 for m, s in zip(moved, scale, strict=True)):
+            # The next change is smaller by as much as this one was, at least.
+            following = [m * min(1.0, m / b if b else 1.0) for m, b in zip(moved, before, strict=True)]
+            before = moved
+            if all(m <= _NEWTON_TOL * s + 1e-300 for m, s in zip(following, scale, strict=True)):
                 w[1:] = linear + np.einsum("erjf,jf->er", R, g)
                 return _Step(tables, u, w, z, g, self.forces(w, z), J, dynamic)
         raise Refine("the joint forces of a step do not converge")
@@ -170,7 +177,12 @@ class _March:
         acting = np.concatenate([step.g, step.u], axis=1)
         self.x = tables.P @ self.x + np.einsum("njd,jd->n", tables.Q[..., : nf + nu], acting)
         self.z = step.z[-1].copy()
-        power = step.f.value * step.w[:, nf : 2 * nf]
+        power = np.zeros((NODES, nf + 2))
+        power[:, :nf] = step.f.value * step.w[:, nf : 2 * nf]
+        of_energy = step.w[:, len(self.rest.rows) :]
+        if of_energy.shape[1]:
+            power[:, nf] = np.sum(of_energy[:, :nu] * step.u, axis=1)
+            power[:, nf + 1] = np.sum(of_energy[:, nu:] ** 2, axis=1)
         self.work = self.work + tables.h * (lobatto()[2][-1] @ power)
         self.steps += 1
 
@@ -179,7 +191,7 @@ class _March:
         columns, nf = self.columns, self.rest.forces
         assert columns is not None
         p = columns.by_rows.shape[0]
-        further = np.einsum("prw,ew->erp", columns.by_rows, step.w[:, 2 * nf :])
+        further = np.einsum("prw,ew->erp", columns.by_rows, step.w[:, 2 * nf : len(self.rest.rows)])
         further += np.einsum("pru,eu->erp", columns.by_loads, step.u)
         further += np.einsum("prf,ef->erp", columns.by_forces, step.f.value)
         forces, rates = np.zeros((NODES, nf, p)), np.zeros((NODES, len(self.laws), p))
@@ -197,8 +209,8 @@ class _March:
         regime, a = self.regime, lobatto()[2] * tables.h
         R = tables.influence[..., :nf]
         direct, direct_rate = np.zeros((NODES, nf, q)), np.zeros((NODES, len(self.laws), q))
-        W = np.empty((NODES, len(self.rest.rows), q))
-        W[0], W[1:] = self.rest.rows @ self.S, tables.rows @ self.S
+        W = np.empty((NODES, len(regime.R), q))
+        W[0], W[1:] = regime.R @ self.S, tables.rows @ self.S
         further = np.zeros((NODES, self.rest.D.shape[1] - nf - nu, q))
         if self.columns is not None:
             p = self.columns.by_rows.shape[0]
@@ -434,19 +446,22 @@ def march(
     *,
     first: bool = False,
     impulse: tuple[int, Array] | None = None,
+    kept: Regimes | None = None,
 ) -> Motion:
     """March from a first state, with these regular steps.
 
     `x0` (n), `z0` (laws): first state and hidden states; `columns`: what parameters act on, if sensitivities
     by these are asked for; `first`: with those by the first and hidden states; `impulse`: a step at whose
-    beginning the state jumps, and by how much.
+    beginning the state jumps, and by how much; `kept`: regimes of this rest and these laws, whose tables
+    several marches share.
 
     Raises Refine if a step is too long.
     """
+    kept = kept or Regimes(rest, laws)
     if compiled("dynid_march") and all(law.law.code for law in laws):
         from dynid.structure.nonlinear import compiled_march
 
-        motion = compiled_march.march(rest, laws, steps, x0, z0, columns, first=first, impulse=impulse)
+        motion = compiled_march.march(kept, steps, x0, z0, columns, first=first, impulse=impulse)
         if motion is not None:
             return motion
     n, p = len(x0), 0 if columns is None else len(columns.by_rows)
@@ -455,15 +470,16 @@ def march(
     if first:
         S[:, p : p + n], T[:, p + n :] = np.eye(n), np.eye(len(laws))
     nf, regimes = rest.forces, first_regimes(rest, laws, x0, z0)
-    state = _March(rest, laws, steps, columns, x0.copy(), z0.copy(), regimes, S, T, np.zeros(nf))
+    state = _March(kept, steps, columns, x0.copy(), z0.copy(), regimes, S, T, np.zeros(nf + 2))
     samples, shapes = (
         len(steps.samples),
-        ((n,), (len(laws),), (nf,), (len(laws),), (nf,), (n, q), (nf, q), (len(laws), q)),
+        ((n,), (len(laws),), (nf,), (len(laws),), (nf + 2,), (n, q), (nf, q), (len(laws), q)),
     )
     out = [np.empty((samples, *shape)) for shape in shapes]
     sample = 0
     for index in range(len(steps.lengths) + 1):
         if impulse is not None and impulse[0] == index:
+            state.work[nf] += (state.x + impulse[1] / 2) @ rest.work_of(impulse[1])
             state.x = state.x + impulse[1]
         if sample < samples and steps.samples[sample] == index:
             for array, value in zip(out, state.read(), strict=True):
@@ -502,12 +518,13 @@ def accurate_march(
     Raises NumericalError if the steps would become too short.
     """
     coarse: Motion | None = None
+    kept = Regimes(rest, laws)
     while parts <= _MAX_PARTS:
         steps = Steps.of(line, parts, added)
         at = None if impulse is None else (line.jump_node * parts, impulse)
         motion: Motion | None = None
         with suppress(Refine):
-            motion = march(rest, laws, steps, x0, z0, impulse=at)
+            motion = march(rest, laws, steps, x0, z0, impulse=at, kept=kept)
         if coarse is not None and motion is not None:
             size = np.abs(motion.states).max(initial=0.0) or 1.0
             error = float(np.abs(motion.states - coarse.states).max(initial=0.0) / size)

@@ -111,7 +111,7 @@ def nonlinear_response(
         followed.states @ read.T[:, : len(rows)],
         followed.states @ read.T[:, len(rows) :],
         followed.forces,
-        followed.work,
+        followed.work[:, : len(rows)],
         followed.regimes.astype(np.int64),
         accuracy,
         followed.events,

@@ -55,12 +55,23 @@ def _load_points() -> tuple[Array, Array]:
     return x, np.asarray(np.linalg.inv(vandermonde), dtype=np.float64)
 
 
+class Energy(NamedTuple):
+    """The energy x' H x / 2 of a structure without its laws, and its change.
+
+    `H` (n x n); `rows` (nu + dampers x n): the variables whose product with a load is its power, and those
+    whose squares are the power that the dampers dissipate.
+    """
+
+    H: Array
+    rows: Array
+
+
 class LinearRest(NamedTuple):
     """The structure without its laws, ``x' = A x + D [f, u, g]``, and what is read within a step.
 
     `A` (n x n); `D` (n x nf + nu + r): directions of joint forces f, loads u and further ones g; `rows` (2 nf
     + w x n): deflections, their rates, and further rows. A joint force is positive where it resists the
-    deflection: its directions have the sign that this needs.
+    deflection: its directions have the sign that this needs. `energy`: where the balance of energy is wanted.
     """
 
     A: Array
@@ -68,6 +79,16 @@ class LinearRest(NamedTuple):
     rows: Array
     forces: int
     loads: int
+    energy: Energy | None = None
+
+    @property
+    def all_rows(self) -> Array:
+        """The rows, and those of the energy."""
+        return self.rows if self.energy is None else np.concatenate([self.rows, self.energy.rows])
+
+    def work_of(self, jump: Array) -> Array:
+        """Return the row whose product with the state halfway through a jump of it is the energy supplied."""
+        return np.zeros(len(jump)) if self.energy is None else self.energy.H @ jump
 
 
 class Columns(NamedTuple):
@@ -88,7 +109,8 @@ class Motion(NamedTuple):
     """A motion at the times asked for.
 
     `states` (times x n), `hidden` (times x laws), `forces` (times x nf), `regimes` (times x laws), `work`
-    (times x nf): done on the laws, J; `slopes` (times x n x q), `force_slopes` (times x nf x q),
+    (times x nf + 2): done on the laws, by the loads, and on the dampers, J (the last two are 0 without
+    `LinearRest.energy`); `slopes` (times x n x q), `force_slopes` (times x nf x q),
     `hidden_slopes` (times x laws x q): by parameters (p), first state (n) and first hidden states (laws);
     `events`: their number.
     """
@@ -118,15 +140,6 @@ def first_regimes(rest: LinearRest, laws: Sequence[BoundLaw], x0: Array, z0: Arr
     ]
 
 
-def folded(rest: LinearRest, laws: Sequence[BoundLaw], regimes: Sequence[int]) -> tuple[Array, Array]:
-    """Return stiffness and damping (nf) of the laws in some regimes, which the march takes into the rest."""
-    k, c = np.zeros(rest.forces), np.zeros(rest.forces)
-    for law, regime in zip(laws, regimes, strict=True):
-        stiffness, damping = law.tangent(int(regime))
-        k[law.row] += stiffness
-        c[law.row] += damping
-    return k, c
-
 
 class Tables(NamedTuple):
     """A step of length h: exact responses at its nodes (1 … s - 1) and at its end."""
@@ -143,7 +156,7 @@ class Regime:
 
     def __init__(self, rest: LinearRest, k: Array, c: Array) -> None:
         nf = rest.forces
-        self.k, self.c, self.D, self.R = k, c, rest.D, rest.rows
+        self.k, self.c, self.D, self.R = k, c, rest.D, rest.all_rows
         fold = k[:, None] * rest.rows[:nf] + c[:, None] * rest.rows[nf : 2 * nf]
         self.A = rest.A + rest.D[:, :nf] @ fold
         self._regular: dict[float, Tables] = {}
@@ -204,6 +217,30 @@ class Regime:
         return self._assembled(h, P, QD)
 
 
+class Regimes:
+    """The regimes of some laws beside a linear rest, with their tables, as far as motions entered them."""
+
+    def __init__(self, rest: LinearRest, laws: Sequence[BoundLaw]) -> None:
+        self.rest, self.laws = rest, laws
+        self._kept: dict[bytes, Regime] = {}
+
+    def at(self, regimes: Sequence[int]) -> Regime:
+        """Return the rest with the tangents of the laws in these regimes."""
+        k, c = np.zeros((2, self.rest.forces))
+        for law, regime in zip(self.laws, regimes, strict=True):
+            stiffness, damping = law.tangent(int(regime))
+            k[law.row] += stiffness
+            c[law.row] += damping
+        return self.folding(k, c)
+
+    def folding(self, k: Array, c: Array) -> Regime:
+        """Return the rest with this stiffness and damping of the laws (nf)."""
+        key = k.tobytes() + c.tobytes()
+        if key not in self._kept:
+            self._kept[key] = Regime(self.rest, k, c)
+        return self._kept[key]
+
+
 def phi_functions(z: ComplexArray, order: int) -> ComplexArray:
     """Return phi_0 … phi_order of numbers z (order + 1 x …): phi_0 = exp, z phi_(k+1) = phi_k - 1 / k!."""
     out = np.empty((order + 1, *z.shape), dtype=complex)
@@ -256,9 +293,7 @@ class Steps(NamedTuple):
 
     def at(self, step: int, theta: Array) -> Array:
         """Return the loads at parts theta of a step (theta x nu)."""
-        return np.asarray(
-            np.polynomial.chebyshev.chebvander(2 * theta - 1, LOAD_DEGREE) @ self.coefficients[step]
-        )
+        return load_polynomials(theta) @ self.coefficients[step]
 
 
 def _readouts(H: Array, G: Array, parts: Array) -> Array:
@@ -275,3 +310,8 @@ def _readouts(H: Array, G: Array, parts: Array) -> Array:
 def load_points() -> Array:
     """Return the points in [0, 1] of a step at which loads are evaluated (degree + 1)."""
     return _load_points()[0]
+
+
+def load_polynomials(theta: Array) -> Array:
+    """Return the polynomials of the loads at parts theta of a step (theta x degree + 1)."""
+    return np.asarray(np.polynomial.chebyshev.chebvander(2 * theta - 1, LOAD_DEGREE))
