@@ -32,14 +32,14 @@ typedef struct {
   const int64_t *codes, *places;            /* nl */
   const double *options, *values, *offsets, *statics; /* nl x OPTIONS, nl x 3, nl, nl x 5 */
   const double *by_laws, *by_rows, *by_loads, *by_forces;
-  const double *h, *coefficients, *nodes, *basis, *integrals, *scan, *scan_basis, *load_basis, *jump, *jump_work;
+  const double *h, *coefficients, *nodes, *basis, *integrals, *scan, *scan_basis, *load_basis, *legendre, *jump, *jump_work;
   const int64_t *which, *sample;
   /* Of each regime: folded stiffness and damping (nf); of each length tables, whose last axis is that of the forces at
    * all nodes, then of the loads there, then of further forces; modes (complex). */
   const double *k, *c, *P, *Q, *TR, *TI, *lam, *V, *iV, *iVD, *RV;
   const int64_t *diagonal;
   /* The state, with which a march goes on. */
-  double *x, *z, *S, *T, *work, *done, *wanted;
+  double *x, *z, *S, *T, *work, *done, *wanted; /* work: on the laws (nf), of loads, on dampers; sum of local errors of the state */
   int64_t *state, *at; /* regimes of the laws; step, events, steps taken, jumped */
   double *states, *hidden, *forces, *works, *slopes, *force_slopes, *hidden_slopes;
   int64_t *regime_of;
@@ -63,7 +63,7 @@ typedef struct {
   Force *law; /* NODES x nl */
   double *f, *fd, *fv; /* NODES x nf: total force and slopes */
   int64_t *pivots, *dynamic, count;
-  double *own_TI, *next;
+  double *own_TI, *next, *norms; /* of the directions of forces and loads */
   double *W, *further, *direct, *G, *Z;
   int64_t regime;
   int partial;
@@ -240,6 +240,9 @@ INLINE double scalar(int64_t n, const double *a, const double *b) {
 
 INLINE void phi_functions(double complex z, double complex *out) {
   static const double factorial[] = {1.0, 1.0, 2.0, 6.0, 24.0, 120.0};
+  static const double reciprocal[] = {1.0 / 5,  1.0 / 6,  1.0 / 7,  1.0 / 8,  1.0 / 9,  1.0 / 10, 1.0 / 11,
+                                      1.0 / 12, 1.0 / 13, 1.0 / 14, 1.0 / 15, 1.0 / 16, 1.0 / 17, 1.0 / 18,
+                                      1.0 / 19, 1.0 / 20, 1.0 / 21, 1.0 / 22, 1.0 / 23, 1.0 / 24};
   out[0] = cexp(z);
   const double size = creal(z) * creal(z) + cimag(z) * cimag(z);
   if (size > 1.0) {
@@ -249,7 +252,7 @@ INLINE void phi_functions(double complex z, double complex *out) {
   }
   double complex term = 1.0 / factorial[NODES], last = term;
   for (int k = 1; k < 20; k++) {
-    term = times(term, z) / (double)(NODES + k);
+    term = times(term, z) * reciprocal[k];
     last += term;
   }
   out[NODES] = last;
@@ -707,6 +710,16 @@ static void accept(const March *t, Step *o) {
     }
   }
   if (t->nr > t->ns) add_energy(t, o);
+  double error = 0.0;
+  for (int64_t i = 0; i < nf + nu; i++) { /* Legendre coefficients of degree 3 and 4 of what is interpolated */
+    const double *values = i < nf ? o->g + i : o->u + (i - nf);
+    const int64_t stride = i < nf ? nf : nu;
+    double c3 = 0.0, c4 = 0.0;
+    for (int j = 0; j < NODES; j++) c3 += t->legendre[j] * values[j * stride], c4 += t->legendre[NODES + j] * values[j * stride];
+    const double decay = fabs(c4) < fabs(c3) ? c4 * c4 / (c3 * c3) : 1.0;
+    error = fmax(error, fabs(c4) * decay * decay * o->norms[i]);
+  }
+  t->work[nf + 2] += o->h * error;
   memcpy(t->x, o->next, n * sizeof(double));
   memcpy(t->z, o->z + INNER * t->nl, t->nl * sizeof(double));
   for (int64_t j = 0; j < NODES; j++)
@@ -936,7 +949,7 @@ ENTRY int64_t dynid_march(const March *t) {
   const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, nr = t->nr, nl = t->nl, q = t->q, m = t->m;
   const int64_t r = nd - nf - nu, size = INNER * (nf + nl), wide = q > 1 ? q : 1;
   const int64_t doubles = NODES * (nu + nr + nl + nf) + INNER * nr + nf + size * size + size * wide + n * q + 3 * NODES * nf +
-                          INNER * nr * NODES * nd + n + NODES * nr * q + NODES * r * q + 2 * NODES * nf * q + NODES * q +
+                          INNER * nr * NODES * nd + n + nf + nu + NODES * nr * q + NODES * r * q + 2 * NODES * nf * q + NODES * q +
                           2 * q + 2 * m * (1 + INNER * (2 + NODES)) + 4 * m * q;
   double *all = calloc(doubles + 64, sizeof(double)), *arena = all;
   int64_t *whole = calloc(size + nl + 1, sizeof(int64_t));
@@ -953,10 +966,14 @@ ENTRY int64_t dynid_march(const March *t) {
   o.u = ROOM(NODES * nu), o.w = ROOM(NODES * nr), o.z = ROOM(NODES * nl), o.g = ROOM(NODES * nf);
   o.linear = ROOM(INNER * nr + nf), o.J = ROOM(size * size), o.right = ROOM(size * wide), o.moved = ROOM(n * q);
   o.f = ROOM(NODES * nf), o.fd = ROOM(NODES * nf), o.fv = ROOM(NODES * nf);
-  o.own_TI = ROOM(INNER * nr * NODES * nd), o.next = ROOM(n);
+  o.own_TI = ROOM(INNER * nr * NODES * nd), o.next = ROOM(n), o.norms = ROOM(nf + nu);
   o.W = ROOM(NODES * nr * q), o.further = ROOM(NODES * r * q), o.direct = ROOM(NODES * nf * q);
   o.G = ROOM(NODES * nf * q), o.Z = ROOM(NODES * q + 2 * q);
 #undef ROOM
+  for (int64_t i = 0; i < nf + nu; i++) {
+    for (int64_t s = 0; s < n; s++) o.norms[i] += t->D[s * nd + i] * t->D[s * nd + i];
+    o.norms[i] = sqrt(o.norms[i]);
+  }
   for (; t->at[0] <= t->steps; t->at[0]++) {
     const int64_t step = t->at[0];
     if (t->done[0] == 0.0 && !t->at[3]) { /* at the beginning of a step, once */

@@ -192,7 +192,7 @@ def _joints(result: Result, group: str) -> ReportSection:
         brief=_BRIEF,
         most=_MOST,
     )
-    return ReportSection("Nonlinear joints", (table,), screen="nonlinear joints")
+    return ReportSection("Nonlinear joints", (table, *_note(result, group)), screen="nonlinear joints")
 
 
 def extremes(column: NDArray[np.float64]) -> tuple[str, str, str]:

@@ -238,7 +238,9 @@ LAYOUT: dict[str, str] = {
     "structure/frequency_response": f"{_RESPONSE} method modes error note",
     "structure/frequency_peaks": _PEAKS,
     "structure/time_response": _TIME_RESPONSE,
-    "structure/joints": "time joint law deflection rate force work regime events steps change",
+    "structure/joints": (
+        "time joint law deflection rate force work regime events steps change energy_residual note"
+    ),
     "structure/geometry": (
         "xyz node position edge end lines held joint joint_position mode displacement rotation sensor "
         "sensor_position sensor_direction sensor_turns load load_position load_direction load_turns "

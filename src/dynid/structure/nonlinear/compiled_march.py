@@ -14,7 +14,6 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.native import call, structure
-from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.nonlinear.tables import (
     NODES,
     SCAN,
@@ -26,6 +25,7 @@ from dynid.structure.nonlinear.tables import (
     Regimes,
     Steps,
     first_regimes,
+    last_coefficients,
     load_polynomials,
     lobatto,
 )
@@ -69,7 +69,7 @@ def march(
         S[:, p : p + n], T[:, p + n :] = np.eye(n), np.eye(nl)
     acceleration = rest.rows[nf : 2 * nf]
     state: dict[str, Any] = {
-        "x": x0.copy(), "z": z0.copy(), "S": S, "T": T, "work": np.zeros(nf + 2), "done": np.zeros(1),
+        "x": x0.copy(), "z": z0.copy(), "S": S, "T": T, "work": np.zeros(nf + 3), "done": np.zeros(1),
         "wanted": np.zeros(2 * nf), "state": np.array(first_regimes(rest, laws, x0, z0), dtype=np.int64),
         "at": np.zeros(4, dtype=np.int64),
     }  # fmt: skip
@@ -95,7 +95,8 @@ def march(
         "by_rows": np.zeros(0), "by_loads": np.zeros(0), "by_forces": np.zeros(0),
         "h": lengths, "coefficients": steps.coefficients, "nodes": c, "basis": L, "integrals": integrals,
         "scan": SCAN, "scan_basis": np.vander(SCAN, NODES, increasing=True) @ L.T,
-        "load_basis": load_polynomials(c), "jump": np.zeros(n) if impulse is None else impulse[1],
+        "load_basis": load_polynomials(c), "legendre": last_coefficients(),
+        "jump": np.zeros(n) if impulse is None else impulse[1],
         "jump_work": np.zeros(n) if impulse is None else rest.work_of(impulse[1]),
         "which": which.astype(np.int64), "sample": sample,
     }  # fmt: skip
@@ -110,8 +111,8 @@ def march(
     while True:
         members = structure(
             n=n, nf=nf, nu=rest.loads, nd=rest.D.shape[1], nr=len(rest.all_rows), ns=len(rest.rows), nl=nl,
-            q=q, p=p, m=tables.pop("m"), steps=last, lengths=len(lengths), regimes=len(entered), scans=len(SCAN),
-            impulse=-1 if impulse is None else impulse[0], **fixed, **tables, **state, **out,
+            q=q, p=p, m=tables.pop("m"), steps=last, lengths=len(lengths), regimes=len(entered),
+            scans=len(SCAN), impulse=-1 if impulse is None else impulse[0], **fixed, **tables, **state, **out,
         )  # fmt: skip
         status = call("dynid_march", members)
         if status == _DONE:
@@ -124,7 +125,7 @@ def march(
         tables = _tables(rest, entered, lengths)
     names = ("states", "hidden", "forces", "regime_of", "works", "slopes", "force_slopes", "hidden_slopes")
     arrays = (out[name] for name in names)
-    return Motion._make((*arrays, *map(int, state["at"][1:3])))
+    return Motion._make((*arrays, *map(int, state["at"][1:3]), float(state["work"][-1])))
 
 
 def _tables(rest: LinearRest, regimes: Sequence[Regime], lengths: Array) -> dict[str, Any]:
@@ -159,6 +160,6 @@ def _tables(rest: LinearRest, regimes: Sequence[Regime], lengths: Array) -> dict
 
 
 def _grouped(rest: LinearRest, responses: Array) -> Array:
-    """Return responses to forces at the nodes (… x s x nd): to joint forces first, loads, then further ones."""
+    """Return responses to forces at the nodes (… x s x nd), those to joint forces first, then to loads."""
     groups = np.split(responses, [rest.forces, rest.forces + rest.loads], axis=-1)
     return np.concatenate([group.reshape(*group.shape[:-2], -1) for group in groups], axis=-1)

@@ -20,7 +20,7 @@ from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.model import StructuralModel
 from dynid.structure.model_laws import model_laws
 from dynid.structure.nonlinear.march import Accuracy, accurate_march
-from dynid.structure.nonlinear.tables import LinearRest, Motion
+from dynid.structure.nonlinear.tables import Energy, LinearRest, Motion
 from dynid.structure.state_space import massless_motion
 
 # Units of what joints have over time, over deflections.
@@ -44,6 +44,12 @@ class _JointMotion(NamedTuple):
     accuracy: Accuracy
     events: int
     units: dict[str, str]  # of the arrays, where all joints have the same
+    energy_residual: float  # of the balance of energy, relative to the largest term; NaN where not known
+
+
+# Residual of the energy beyond which its balance is not confirmed: that of motions whose steps resolve the
+# modes that take part in it is below 1e-7.
+_ENERGY_TOL = 1e-4
 
 
 @guarded("the time response")
@@ -82,7 +88,7 @@ def nonlinear_response(
     read = np.kron(np.eye(2), rows) * d
     rest = LinearRest(
         rescaled(system.A, d), np.concatenate([directions, system.B], axis=1) / d[:, None], read, len(rows),
-        system.B.shape[1],
+        system.B.shape[1], _energy(driven.mass(M), system.A, system.B, d),
     )  # fmt: skip
     start = min(0.0, float(times[0]))
     generated = [Impulse(0.0) if isinstance(signal, Random) else signal for signal in signals]
@@ -116,7 +122,35 @@ def nonlinear_response(
         accuracy,
         followed.events,
         {name: common_unit(model.deflection_units(unit)) for name, unit in _UNITS.items()},
+        _energy_residual(rest.energy, followed, x0, len(rows)),
     )
+
+
+def _energy(M: Array, A: Array, B: Array, d: Array) -> Energy | None:
+    """Return the energy of the linear rest in states scaled by d, or None if a damper is negative."""
+    n = len(M)
+    K, C = -M @ A[n:, :n], -M @ A[n:, n:]
+    H = np.zeros_like(A)
+    H[:n, :n], H[n:, n:] = (K + K.T) / 2, M
+    damping, directions = np.linalg.eigh((C + C.T) / 2)
+    size = float(np.abs(damping).max(initial=0.0))
+    if damping.min(initial=0.0) < -n * np.finfo(float).eps * size:
+        return None
+    kept = damping > n * np.finfo(float).eps * size
+    dampers = np.zeros((np.count_nonzero(kept), 2 * n))
+    dampers[:, n:] = (directions[:, kept] * np.sqrt(damping[kept])).T
+    return Energy(d[:, None] * H * d, np.concatenate([B.T @ H, dampers]) * d)
+
+
+def _energy_residual(energy: Energy | None, motion: Motion, x0: Array, nf: int) -> float:
+    """Return the residual of the balance of energy of a motion from a first state."""
+    if energy is None:
+        return float("nan")
+    held = np.einsum("ti,ij,tj->t", motion.states, energy.H, motion.states, optimize=True) / 2
+    held -= x0 @ energy.H @ x0 / 2
+    laws, (loads, dampers) = motion.work[:, :nf].sum(axis=1), motion.work[:, nf:].T
+    size = max(float(np.abs(term).max(initial=0.0)) for term in (held, laws, loads, dampers))
+    return float(np.abs(held + laws + dampers - loads).max(initial=0.0)) / (size or 1.0)
 
 
 def _read(
@@ -156,4 +190,11 @@ def add_joints(result: Result, motion: _JointMotion, times: Array) -> None:
         events=motion.events,
         steps=motion.accuracy.parts,
         change=motion.accuracy.error,
+        energy_residual=motion.energy_residual,
     )
+    if motion.energy_residual > _ENERGY_TOL:
+        result.annotate(
+            group,
+            note=f"the energy of this motion is balanced to {100 * motion.energy_residual:.2g} % only: modes take "
+            "part in it that the steps do not resolve; shorten the time between samples",
+        )

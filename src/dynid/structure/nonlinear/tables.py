@@ -18,6 +18,8 @@ from dynid.structure.joint_laws import BoundLaw
 
 #: Lobatto nodes of a step.
 NODES = 5
+#: Degrees from the last coefficient of a step's polynomials to the first one that its end sees.
+NODES_TO_ORDER = NODES - 1
 #: Degree of the polynomials of the loads within a step.
 LOAD_DEGREE = 8
 #: Points of a step at which guards are checked.
@@ -45,6 +47,25 @@ def lobatto() -> tuple[Array, Array, Array]:
     k = np.arange(1, NODES + 1)
     weights = np.asarray((c[:, None] ** k / k) @ L.T, dtype=np.float64)
     return c, L, weights
+
+
+@cache
+def last_coefficients() -> Array:
+    """Return the rows (2 x s) to the Legendre coefficients of degree 3 and 4 from values at the nodes."""
+    values = np.polynomial.legendre.legvander(2 * lobatto()[0] - 1, NODES - 1)
+    return np.asarray(np.linalg.inv(values)[-2:], dtype=np.float64)
+
+
+def left_out(forces: Array, directions: Array) -> float:
+    """Return the rate of the state by what the interpolation of forces at the nodes (s x nd) leaves out.
+
+    `directions` (n x nd). The ends of a step see nothing of degrees below 2 s - 2 = 8; coefficients go on
+    falling as from degree 3 to 4.
+    """
+    third, fourth = np.abs(last_coefficients() @ forces)
+    decay = np.where(fourth < third, fourth / np.where(third > 0, third, 1.0), 1.0)
+    rates = fourth * decay**NODES_TO_ORDER * np.linalg.norm(directions, axis=0)
+    return float(rates.max(initial=0.0))
 
 
 @cache
@@ -112,7 +133,8 @@ class Motion(NamedTuple):
     (times x nf + 2): done on the laws, by the loads, and on the dampers, J (the last two are 0 without
     `LinearRest.energy`); `slopes` (times x n x q), `force_slopes` (times x nf x q),
     `hidden_slopes` (times x laws x q): by parameters (p), first state (n) and first hidden states (laws);
-    `events`: their number.
+    `events`: their number; `local_error`: sum over the steps of the change of the state by what
+    interpolation leaves out of the forces.
     """
 
     states: Array
@@ -125,6 +147,7 @@ class Motion(NamedTuple):
     hidden_slopes: Array
     events: int
     steps: int
+    local_error: float
 
 
 class Refine(NumericalError):
@@ -138,7 +161,6 @@ def first_regimes(rest: LinearRest, laws: Sequence[BoundLaw], x0: Array, z0: Arr
         law.regime(float(w[law.row]), float(w[nf + law.row]), float(z))
         for law, z in zip(laws, z0, strict=True)
     ]
-
 
 
 class Tables(NamedTuple):
