@@ -23,7 +23,8 @@ from dynid.structure.joint_laws import (
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law
-from dynid.structure.nonlinear.march import Columns, LinearRest, Steps, march
+from dynid.structure.nonlinear.march import march
+from dynid.structure.nonlinear.tables import Columns, LinearRest, Steps
 from dynid.structure.ports import Channel, Load
 from dynid.structure.response import time_response
 
@@ -250,8 +251,8 @@ def test_a_structure_without_mass_somewhere_is_refused():
 
 def test_a_motion_that_needs_too_short_steps_is_refused(monkeypatch):
     for tolerance in ("_COARSE_TOL", "_ERROR_TOL"):
-        monkeypatch.setattr(f"dynid.structure.nonlinear.march.{tolerance}", 0.0)
-    monkeypatch.setattr("dynid.structure.nonlinear.march._MAX_PARTS", 2)
+        monkeypatch.setattr(f"dynid.structure.nonlinear.accuracy.{tolerance}", 0.0)
+    monkeypatch.setattr("dynid.structure.nonlinear.accuracy._MAX_PARTS", 2)
     with pytest.raises(NumericalError, match="still changes"):
         time_response(
             structure(known(Cubic(), 3e7)), [Load(1, SINES)], [Channel(1, "velocity")], np.arange(9) * STEP

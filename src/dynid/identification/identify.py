@@ -41,6 +41,7 @@ from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
     from dynid.identification.diagnosis.form_error import FormError
+    from dynid.identification.results.write_held_out import HeldOut
 
 # Starts around an estimate from which other optima are looked for where a parameter is not identifiable, and
 # the factor within which they lie.
@@ -63,6 +64,7 @@ def identify(
     common: SharedRecords | None = None,
     into: Result | None = None,
     further: Further | None = None,
+    held_out: Sequence[HeldOut] = (),
 ) -> Result:
     """Identify the unknown parameters of a model from measurements that share them.
 
@@ -87,6 +89,8 @@ def identify(
         The result to add to; of a `Selection` only what is wanted is computed. Default: a new one.
     further
         What is computed beside the estimates.
+    held_out
+        Records of time that are predicted at the estimate, and not fitted.
 
     Returns
     -------
@@ -141,6 +145,10 @@ def identify(
             add(result, posterior)
         if problem.survey is not None:
             _add_modes(result, posterior, problem=problem, needed=needed)
+        if held_out and result.wants_below("identification/held_out"):
+            from dynid.identification.results.write_held_out import add_held_out
+
+            add_held_out(result, problem, last, posterior.fit.eta, held_out)
         return result
 
 

@@ -161,14 +161,14 @@ class Problem:
         Raises UsageError if there is more to solve than can be.
         """
         pairs = zip(self.measurements, values, strict=True)
-        records = tuple(self._record(model, measurement, record) for measurement, record in pairs)
+        records = tuple(self.record(model, measurement, record) for measurement, record in pairs)
         if all(isinstance(record, TimeRecord) for record in records):
             return TimeLikelihood(cast("tuple[TimeRecord, ...]", records))
         if all(isinstance(record, FrfRecord) for record in records):
             return FrfLikelihood(cast("tuple[FrfRecord, ...]", records))
         return Likelihood(records)
 
-    def _record(self, model: Model, measurement: Measured, values: RecordData) -> RecordLikelihood:
+    def record(self, model: Model, measurement: Measured, values: RecordData) -> RecordLikelihood:
         """Return the likelihood of values of one measurement with a model."""
         sharing = len(self.measurements)
         if isinstance(measurement, Experiment):

@@ -200,10 +200,9 @@ class NonlinearRecord(TimeRecord):
         return self.misfit(self.data.counts, self.residual_rms_at(eta))
 
     def _steps_needed(self, eta: Array, start: Array) -> int:
-        """Return how many steps each interval needs for an error below that of `steps_needed`."""
+        """Return how many steps each interval needs from a start."""
         x0, numbers = np.split(start, [self.model.states])
-        # Halving those changes the motion by less than its tolerance: the longer ones are exact to that.
-        return max(1, steps_needed(self.model, eta, x0, hidden_start(self.model, eta, x0, numbers).z0) // 2)
+        return steps_needed(self.model, eta, x0, hidden_start(self.model, eta, x0, numbers).z0)
 
     def _fitted(self, eta: Array, values: Array, level: Array) -> tuple[Array, Prediction, Array]:
         """Return first and hidden states of least squares, and the prediction from them."""

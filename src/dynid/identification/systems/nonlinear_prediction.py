@@ -35,7 +35,8 @@ from dynid.structure.excitation import drive
 from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.matrices import as_array
 from dynid.structure.model_laws import ModelLaw, model_laws
-from dynid.structure.nonlinear.march import accurate_march, march
+from dynid.structure.nonlinear.accuracy import accurate_march
+from dynid.structure.nonlinear.march import march
 from dynid.structure.nonlinear.tables import Columns, LinearRest, Steps
 
 # Singular values of what parameters act on below this part of the largest are round-off.
@@ -201,7 +202,7 @@ def steps_needed(model: ParametricModel, eta: Array, x0: Array, z0: Array) -> in
     laws, (rest, _) = prepared.laws, prepared.rest(model, sensitive=False)
     z = np.zeros(len(laws))
     z[[law.bound.law.hidden for law in laws]] = z0
-    return accurate_march(rest, [law.bound for law in laws], model.line, x0, z)[1].parts
+    return accurate_march(rest, [law.bound for law in laws], model.line, x0, z)[1].enough
 
 
 @dataclass(frozen=True, eq=False)

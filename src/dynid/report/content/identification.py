@@ -453,6 +453,12 @@ def _residuals(result: Result, *, white: bool) -> Iterator[Statement]:
         yield Statement(f"RMS residual: {', '.join(parts[:_CHANNELS])}{more}")
     else:
         yield Statement(f"RMS residual {short_percent(ratio[0])} of the signal")
+    if (path := "identification/held_out/residual_ratio") in result:
+        names = result["identification/held_out/channel"].data
+        held_out = zip(100 * result[path].data, names, strict=True)
+        parts = [f"{short_percent(value)} of {name}" for value, name in held_out]
+        more = ", …" if len(parts) > _CHANNELS else ""
+        yield Statement(f"held out, unexplained: {', '.join(parts[:_CHANNELS])}{more}")
     p = p_text(result.value(f"{_DIAGNOSTICS}/whiteness_p"))
     if _is_modal(result):  # modes alone have no order
         return

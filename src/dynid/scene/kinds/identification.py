@@ -38,6 +38,7 @@ from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from dynid.identification.problem import SharedRecords
+    from dynid.identification.results.write_held_out import HeldOut
     from dynid.identification.systems.parametric_model import Model, Rebuild
     from dynid.scene.kinds.reduction import LocatedReductor
     from dynid.scene.run import PreparationStep
@@ -122,6 +123,7 @@ class Setting(NamedTuple):
     measurements: Sequence[Any]
     truth: Model
     rebuild: Rebuild | None = None
+    held_out: Sequence[Any] = ()  # records that are predicted, and not fitted
 
 
 def setting(
@@ -138,9 +140,10 @@ def setting(
     if not (model.is_reduced or model.measurement.frf is not None or model.measurement.modes_alone):
         measured = (measurement for measurement in measurements if isinstance(measurement, Experiment))
         structure = without_massless(structure, [dof for record in measured for dof in record.dofs])
+    held_out = experiments(scene, model.excitation, model.measurement, structure, held_out=True)
     method = reductor_of(scene)
     if method is None:
-        return Setting(structure, measurements, structure)
+        return Setting(structure, measurements, structure, held_out=held_out)
     truth, records = structure, model.measurement.each
     simulate = (records[0].frf.simulate if records[0].frf else records[0].simulate) if records else None
     if simulate is not None and simulate.model == "reduced":
@@ -153,7 +156,7 @@ def setting(
         def rebuild(values: Mapping[str, float]) -> Any:
             return method.at(values).reduce(full).model
 
-    return Setting(reductor.reduce(full).model, measurements, truth, rebuild)
+    return Setting(reductor.reduce(full).model, measurements, truth, rebuild, held_out)
 
 
 def _with_sensors(model: IdentificationScene, structure: StructuralModel) -> StructuralModel:
@@ -198,7 +201,19 @@ def identified(
         common=common,
         into=into,
         further=further_of(model),
+        held_out=_held_out(model, prepared.held_out),
     )
+
+
+def _held_out(model: IdentificationScene, experiments: Sequence[Experiment]) -> Sequence[HeldOut]:
+    """Return the records that are held out, with the samples from which they are predicted."""
+    if not experiments:
+        return ()
+    from dynid.identification.results.write_held_out import HeldOut
+
+    assert model.measurement is not None
+    samples = [record.initial_samples for record in model.measurement.each_held_out]
+    return [HeldOut(*pair) for pair in zip(experiments, samples, strict=True)]
 
 
 def preparation_steps(scene: Scene[IdentificationScene]) -> Iterator[PreparationStep]:
@@ -219,6 +234,7 @@ def preparation_steps(scene: Scene[IdentificationScene]) -> Iterator[Preparation
         yield lambda: frf_measurement(scene, measurement)
     elif measurement is not None and not measurement.modes_alone:
         yield lambda: experiments(scene, model.excitation, measurement)
+        yield lambda: experiments(scene, model.excitation, measurement, held_out=True)
     if measurement is None or measurement.frf is None:  # else it reads the responses again
         yield lambda: reductor_of(scene)
     if model.responses is not None and model.responses.time is not None:

@@ -61,8 +61,10 @@ def experiments(
     excitation: Sequence[SignalPart],
     model_of_records: MeasurementModel,
     model: Tested = None,
+    *,
+    held_out: bool = False,
 ) -> list[Experiment]:
-    """Return the records of a scene, prepared, with the loads of each.
+    """Return the records of a scene, or those that are held out, prepared, with the loads of each.
 
     `model` is the graph or structure, by whose labels DOFs are named in results; default: as in the scene.
     """
@@ -70,10 +72,12 @@ def experiments(
     from dynid.identification.records.preparation import BandPass, Decimate, Detrend, prepare
 
     measured = []
-    for k, record in enumerate(model_of_records.each):
-        record_path = f"measurement.records.{k}" if model_of_records.records else "measurement"
+    written: Sequence[RecordModel] = model_of_records.held_out if held_out else model_of_records.records
+    key = "held_out" if held_out else "records"
+    for k, record in enumerate(model_of_records.each_held_out if held_out else model_of_records.each):
+        record_path = f"measurement.{key}.{k}" if written else "measurement"
         measurement, starts = _measurement(scene, record, record_path, model)
-        excited_itself = bool(model_of_records.records) and model_of_records.records[k].excitation is not None
+        excited_itself = bool(written) and written[k].excitation is not None
         shared = f"{record_path}.excitation" if excited_itself else "measurement.excitation"
         where, parts = (
             ("excitation", excitation) if record.excitation is None else (shared, record.excitation)

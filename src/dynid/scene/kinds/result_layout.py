@@ -182,6 +182,9 @@ LAYOUT: dict[str, str] = {
         "joint range fraction amplitude dissipation dissipation_deviation time deflection force "
         "force_deviation measured_deflection measured_force measured_deviation law regime"
     ),
+    "identification/joints": "joint range",
+    "identification/held_out": "channel residual_rms residual_ratio unit",
+    "identification/held_out/<record>": "time channel measured predicted unit",
     "identification/measurement": (
         "time omega channel unit measured predicted residual noise given_noise deviation frac frac_start "
         "excitation input_unit input prepared start samples_left_out clock_step clock_drift clock_jitter "

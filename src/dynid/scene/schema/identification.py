@@ -286,6 +286,12 @@ class IdentificationScene(ComposedScene):
         return self
 
     @model_validator(mode="after")
+    def _held_out_fit(self) -> Self:
+        if self.graph is not None and self.measurement is not None and self.measurement.held_out:
+            raise fault("records are 'held_out' of a structure, not of a graph; leave them out")
+        return self
+
+    @model_validator(mode="after")
     def _modes_fit(self) -> Self:
         if self.measurement is None or self.measurement.modes is None:
             return self

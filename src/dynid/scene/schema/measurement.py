@@ -504,18 +504,35 @@ class RecordModel(Section):
         self._check_levels(self.frf.simulate)
 
 
+class HeldOutModel(RecordModel):
+    """A record that is predicted at the estimate, and not fitted; it inherits keys as `records` do."""
+
+    initial_samples: int | None = Field(default=None, ge=1, le=100_000_000, strict=True)
+
+    def completed(self, shared: RecordModel, number: int) -> HeldOutModel:
+        """Return this record with what it shares."""
+        values = super().completed(shared, number)
+        keys = {name: getattr(values, name) for name in RecordModel.model_fields}
+        return HeldOutModel.model_construct(**keys, initial_samples=self.initial_samples)
+
+
 class MeasurementModel(RecordModel):
     """A record with sampling, channels and source; several records and their common keys; measured modes."""
 
     records: list[Annotated[RecordModel, Later()]] = Field(default=[], max_length=1000)
+    held_out: list[Annotated[HeldOutModel, Later()]] = Field(default=[], max_length=1000)
     modes: Annotated[Any, Later("dynid.scene.schema.modes:MeasuredModesModel")] | None = None
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
         if self.records and (self.frf or any(record.frf for record in self.records)):
             raise fault("frequency responses stand alone: 'frf' goes with no 'records'")
+        if self.held_out and (self.frf or self.modes_alone or any(record.frf for record in self.held_out)):
+            raise fault("'held_out' are records of time, predicted beside those that are fitted")
         if self.modes_alone:
             return self
+        for number, record in enumerate(self.each_held_out, 1):
+            record.check(f"held-out record {number}")
         all_of_file = any(isinstance(record.channels, AllOfFile) for record in self.each)
         if self.match is not None and not all_of_file:
             if self.modes is not None:
@@ -543,6 +560,12 @@ class MeasurementModel(RecordModel):
         if self.modes_alone:
             return []
         return [record.completed(self, k) for k, record in enumerate(self.records)] or [self]
+
+    @property
+    def each_held_out(self) -> list[HeldOutModel]:
+        """The records that are held out, each complete."""
+        count = len(self.records) or 1
+        return [record.completed(self, count + k) for k, record in enumerate(self.held_out)]
 
     @property
     def sensors(self) -> list[MeasuredChannelModel]:

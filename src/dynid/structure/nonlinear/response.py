@@ -19,7 +19,7 @@ from dynid.structure.excitation import Excitation
 from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.model import StructuralModel
 from dynid.structure.model_laws import model_laws
-from dynid.structure.nonlinear.march import Accuracy, accurate_march
+from dynid.structure.nonlinear.accuracy import Accuracy, accurate_march
 from dynid.structure.nonlinear.tables import Energy, LinearRest, Motion
 from dynid.structure.state_space import massless_motion
 
@@ -195,6 +195,6 @@ def add_joints(result: Result, motion: _JointMotion, times: Array) -> None:
     if motion.energy_residual > _ENERGY_TOL:
         result.annotate(
             group,
-            note=f"the energy of this motion is balanced to {100 * motion.energy_residual:.2g} % only: modes take "
+            note=f"energy is balanced to {100 * motion.energy_residual:.2g} % only: modes take "
             "part in it that the steps do not resolve; shorten the time between samples",
         )

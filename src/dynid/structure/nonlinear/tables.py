@@ -305,11 +305,11 @@ class Steps(NamedTuple):
         for k, h in enumerate(line.lengths):
             here = line.which == k
             readout = _readouts(line.H, line.G * h, points.ravel())
-            values[here] = np.einsum("iq,tuq->itu", line.W[:-1][here], readout).reshape(-1, *values.shape[1:])
+            values[here] = np.einsum("iq,tuq->itu", line.W[:-1][here], readout).reshape(values[here].shape)
         if added is not None:
             times = line.nodes[:-1, None, None] + line.lengths[line.which][:, None, None] * points
             values += added(times.ravel()).reshape(values.shape)
-        values = values.reshape(-1, len(load_points()), len(line.H))
+        values = values.reshape(len(line.which) * parts, len(load_points()), len(line.H))
         lengths = np.repeat(line.lengths[line.which] / parts, parts)
         return cls(lengths, np.einsum("kp,spu->sku", _load_points()[1], values), line.wanted * parts)
 
