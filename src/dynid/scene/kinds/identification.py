@@ -123,7 +123,6 @@ class Setting(NamedTuple):
     measurements: Sequence[Any]
     truth: Model
     rebuild: Rebuild | None = None
-    held_out: Sequence[Any] = ()  # records that are predicted, and not fitted
 
 
 def setting(
@@ -140,10 +139,9 @@ def setting(
     if not (model.is_reduced or model.measurement.frf is not None or model.measurement.modes_alone):
         measured = (measurement for measurement in measurements if isinstance(measurement, Experiment))
         structure = without_massless(structure, [dof for record in measured for dof in record.dofs])
-    held_out = experiments(scene, model.excitation, model.measurement, structure, held_out=True)
     method = reductor_of(scene)
     if method is None:
-        return Setting(structure, measurements, structure, held_out=held_out)
+        return Setting(structure, measurements, structure)
     truth, records = structure, model.measurement.each
     simulate = (records[0].frf.simulate if records[0].frf else records[0].simulate) if records else None
     if simulate is not None and simulate.model == "reduced":
@@ -156,7 +154,7 @@ def setting(
         def rebuild(values: Mapping[str, float]) -> Any:
             return method.at(values).reduce(full).model
 
-    return Setting(reductor.reduce(full).model, measurements, truth, rebuild, held_out)
+    return Setting(reductor.reduce(full).model, measurements, truth, rebuild)
 
 
 def _with_sensors(model: IdentificationScene, structure: StructuralModel) -> StructuralModel:
@@ -201,19 +199,21 @@ def identified(
         common=common,
         into=into,
         further=further_of(model),
-        held_out=_held_out(model, prepared.held_out),
+        held_out=_held_out(scene, prepared),
     )
 
 
-def _held_out(model: IdentificationScene, experiments: Sequence[Experiment]) -> Sequence[HeldOut]:
+def _held_out(scene: Scene[IdentificationScene], prepared: Setting) -> Sequence[HeldOut]:
     """Return the records that are held out, with the samples from which they are predicted."""
-    if not experiments:
+    measurement = scene.model.measurement
+    if measurement is None or not measurement.held_out:
         return ()
     from dynid.identification.results.write_held_out import HeldOut
 
-    assert model.measurement is not None
-    samples = [record.initial_samples for record in model.measurement.each_held_out]
-    return [HeldOut(*pair) for pair in zip(experiments, samples, strict=True)]
+    assert isinstance(prepared.truth, StructuralModel)
+    records = experiments(scene, scene.model.excitation, measurement, prepared.truth, held_out=True)
+    samples = [record.initial_samples for record in measurement.each_held_out]
+    return [HeldOut(*pair) for pair in zip(records, samples, strict=True)]
 
 
 def preparation_steps(scene: Scene[IdentificationScene]) -> Iterator[PreparationStep]:

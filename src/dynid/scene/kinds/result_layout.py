@@ -182,7 +182,6 @@ LAYOUT: dict[str, str] = {
         "joint range fraction amplitude dissipation dissipation_deviation time deflection force "
         "force_deviation measured_deflection measured_force measured_deviation law regime"
     ),
-    "identification/joints": "joint range",
     "identification/held_out": "channel residual_rms residual_ratio unit",
     "identification/held_out/<record>": "time channel measured predicted unit",
     "identification/measurement": (
