@@ -128,6 +128,7 @@ _NEEDS: dict[str, tuple[str, str]] = {
             ("posterior", "posterior_check", "'posterior_check: true'"),
             ("identifiability", "identifiability", "'identifiability: true'"),
             ("modes", "measurement.modes", "measured 'modes'"),
+            ("held_out", "measurement.held_out", "records 'held_out' of the measurement"),
             ("noise", "noise", "a 'noise' of the kind coloured or proportional"),
             ("model_error", "reduction", "a 'reduction' and records of the full structure"),
         )
