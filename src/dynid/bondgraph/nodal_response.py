@@ -85,8 +85,8 @@ class NodalResponse:
             for name, neighbour, sign in coupling.entries:
                 if name in row_of and neighbour in row_of:
                     entries.append((row_of[name], row_of[neighbour], sign * size))
-                elif name in row_of and (source := junctions[neighbour].fixing) in column_of:
-                    self._drives[row_of[name], column_of[str(source)]] -= sign * size
+                elif name in row_of and (fixing := junctions[neighbour].fixing) in column_of:
+                    self._drives[row_of[name], column_of[str(fixing)]] -= sign * size
         self._entries = entries
         self._roots = [row_of[structure.place[graph.behind(port).node]] for port in outputs]
 
@@ -147,12 +147,12 @@ class NodalResponse:
     @cached_property
     def _eliminated(self) -> NDArray[np.bool_]:
         """Which junctions are eliminated in formulas: those with elements, between two that are not."""
-        kept = self._drives.any(axis=1) | ~self._laws.any(axis=1)
+        kept: NDArray[np.bool_] = np.asarray(self._drives.any(axis=1) | ~self._laws.any(axis=1))
         kept[self._roots] = True
         around: list[list[int]] = [[] for _ in self._laws]
         for row, column, _ in self._entries:
             around[row].append(column)
-        chosen = np.zeros(len(kept), dtype=bool)
+        chosen = np.zeros(len(kept), dtype=np.bool_)
         for row, neighbours in enumerate(around):
             if len(neighbours) == 2 and not kept[row]:
                 chosen[row] = kept[neighbours] = True
@@ -164,17 +164,17 @@ class NodalResponse:
         from scipy.sparse.linalg import splu
 
         gone, count = self._eliminated, len(self._laws)
-        place = np.cumsum(~gone) - 1  # of a junction that is left; of one that is eliminated
+        place: NDArray[np.int64] = (
+            np.cumsum(~gone) - 1
+        )  # of a junction that is left; of one that is eliminated
         place[gone] = np.arange(np.count_nonzero(gone))
         row, column = (np.array([entry[k] for entry in self._entries], dtype=np.int64) for k in (0, 1))
         value = np.array([entry[2] for entry in self._entries], dtype=np.longdouble)
         size, inner = count - np.count_nonzero(gone), ~gone[row] & ~gone[column]
-        outward, inward = (
-            np.flatnonzero(gone[ends]) for ends in (row, column)
-        )  # from and to an eliminated one
-        outward, inward = (
+        outward, inward = (  # two entries from and to each eliminated junction
             entries[np.lexsort((others[entries], ends[entries]))].reshape(-1, 2)
-            for entries, ends, others in ((outward, row, column), (inward, column, row))
+            for ends, others in ((row, column), (column, row))
+            for entries in [np.flatnonzero(gone[ends])]
         )
         pairs = [(inward[:, i], outward[:, j]) for i in (0, 1) for j in (0, 1)]
         rows = [np.arange(size), place[row[inner]], *(place[row[into]] for into, _ in pairs)]
@@ -200,8 +200,16 @@ class NodalResponse:
         starts = np.searchsorted(distinct, np.arange(size + 1) * size)
         fill = float(np.sum(np.diff(factors.L.indptr).astype(float) ** 2)) / size
         return _Pattern(
-            *((distinct % size).astype(np.int32), starts.astype(np.int32), constant, products),
-            *(abs(products).astype(float), at[:size][np.argsort(order)], laws, drives, readings, fill),
+            rows=(distinct % size).astype(np.int32),
+            starts=starts.astype(np.int32),
+            constant=constant,
+            products=products,
+            product_sizes=abs(products).astype(float),
+            diagonal=at[:size][np.argsort(order)],
+            laws=laws,
+            drives=drives,
+            readings=readings,
+            fill=fill,
         )
 
     def at(self, omega: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
@@ -244,7 +252,7 @@ class NodalResponse:
         drives, readings = np.tile(pattern.drives, (count, 1)), np.tile(pattern.readings, (count, 1))
         options, doubles = {"SymmetricMode": True}, matrix.astype(complex)
         try:
-            factors = splu(doubles, "NATURAL", diag_pivot_thresh=_PIVOT_RATIO, options=options)
+            factors: Any = splu(doubles, "NATURAL", diag_pivot_thresh=_PIVOT_RATIO, options=options)
         except RuntimeError:  # exactly singular
             return self._solved_apart(omega)
         states, weights = factors.solve(drives.astype(complex)), factors.solve(readings.astype(complex), "T")
@@ -269,8 +277,8 @@ class NodalResponse:
         if len(omega) == 1:
             shape = 1, len(self._outputs), len(self._inputs)
             return np.zeros(shape, dtype=complex), np.full(shape, np.inf)
-        parts = [self._solved(frequency) for frequency in omega[:, None]]
-        return tuple(map(np.concatenate, zip(*parts, strict=True)))
+        responses, bounds = zip(*(self._solved(frequency) for frequency in omega[:, None]), strict=True)
+        return np.concatenate(responses), np.concatenate(bounds)
 
 
 def _extended(values: Sequence[Fraction]) -> Extended:

@@ -72,7 +72,7 @@ class SampledLoopsWithDelays(SampledLoops):
         return SampledDelays(plant, self.delays, controllers, self.period)
 
     @property
-    def _shown(self) -> Verdict:  # type: ignore[override]
+    def _shown(self) -> Verdict:
         if self.refusal:
             return self._undecided
         if (outside := self._function.outside) is None:
@@ -93,7 +93,7 @@ class SampledLoopsWithDelays(SampledLoops):
         return np.empty(0, complex) if self.refusal else self._function.poles
 
     @property
-    def largest_sample_time(self) -> float:  # type: ignore[override]
+    def largest_sample_time(self) -> float:
         """It is not computed: at other sample times the delays have no common part with it."""
         return math.nan
 

@@ -97,7 +97,7 @@ class Filter:
     def response(self, omega: Array, frequency: float) -> tuple[ComplexArray, ComplexArray]:
         """Return the response at frequencies (L), rad/s, and its derivative by the corner `frequency`."""
         if self.kind == "integrator":
-            value = (1j * omega + frequency) ** -float(self.order)
+            value = np.asarray((1j * omega + frequency) ** -float(self.order), dtype=complex)
             return value, -self.order * value / (1j * omega + frequency)
         s = 1j * omega / frequency
         factors = s[:, None] - self.poles

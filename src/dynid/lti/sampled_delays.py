@@ -131,8 +131,8 @@ class SampledDelays:
             T[:, i * n + block, (i + 1) % m * n + block] += (z if i == m - 1 else np.ones_like(z))[:, None]
         for j, controller in enumerate(self._controllers):
             rows = np.arange(first, first + sizes[j])
-            T[np.ix_(range(count), rows, rows)] = z[:, None, None] * np.eye(sizes[j]) - controller.F
-            T[np.ix_(range(count), rows, columns)] -= controller.g[:, None] * measured[:, j, None, :]
+            T[np.ix_(np.arange(count), rows, rows)] = z[:, None, None] * np.eye(sizes[j]) - controller.F
+            T[np.ix_(np.arange(count), rows, columns)] -= controller.g[:, None] * measured[:, j, None, :]
             answer = size - loops + j
             T[:, answer, rows] = controller.h
             T[:, answer, columns] += controller.d * measured[:, j]

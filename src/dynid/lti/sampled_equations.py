@@ -117,7 +117,8 @@ class SampledEquations:
         n, inputs = len(self.plant.A), len(rests)
         if not n:
             return [], [], []
-        Phi, newest, before = None, [[0] * inputs for _ in range(n)], [[0] * inputs for _ in range(n)]
+        Phi: Any = None
+        newest, before = [[0] * inputs for _ in range(n)], [[0] * inputs for _ in range(n)]
         for j, rest in enumerate(rests):
             Phi, late = self._exponential(period - rest, bits)
             early = None

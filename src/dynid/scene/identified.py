@@ -207,7 +207,7 @@ def _changed_at(data: Any, path: Path, value: Any) -> Any:
     if not path:
         return value
     key = path[0]
-    if isinstance(data, list):
+    if isinstance(data, list) and isinstance(key, int):
         return [*data[:key], _changed_at(data[key], path[1:], value), *data[key + 1 :]]
     return {**(data or {}), key: _changed_at((data or {}).get(key), path[1:], value)}
 

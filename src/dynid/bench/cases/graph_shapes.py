@@ -162,7 +162,7 @@ def _eigenvalues(matrices: tuple[Any, Any]) -> Any:
     A = -matrices[0].toarray() / matrices[1][:, None]
     size = len(A)
     pencil = np.block([[A, np.eye(size)[:, :1] / matrices[1][0]], [np.eye(size)[-1:], np.zeros((1, 1))]])
-    zeros = eigvals(pencil, block_diag(np.eye(size), 0.0))
+    zeros = eigvals(pencil, block_diag(np.eye(size), np.zeros((1, 1))))
     return zeros[np.isfinite(zeros)], np.linalg.eigvals(A)
 
 

@@ -314,9 +314,10 @@ def _add_locus(
         poles = _late_branches(Polished(late), polynomials, gains, degree)
         reached = Polished(late[:1]).reached(np.array(zeros), [1.0])
         zeros = reached[np.isfinite(reached)].tolist()
-    note = {} if late is None else {"note": _LOCUS_NOTE}
+    about = {"plane": plane} if plane != "s" else {}
+    about |= {} if late is None else {"note": _LOCUS_NOTE}
     unit = {"s": "rad/s", "z": ""}[plane]
-    result.annotate(group, loop=name, plane=plane, **note)
+    result.annotate(group, loop=name, **about)
     result.add_axis(f"{group}/gain", gains)
     result.add_axis(f"{group}/branch", np.arange(1, degree + 1))
     result.add(f"{group}/poles", poles, ("gain", "branch"), unit)

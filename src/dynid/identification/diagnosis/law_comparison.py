@@ -10,13 +10,14 @@ For slip and clearance the linear joint lies at infinity, so that BIC alone comp
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.arrays import Array, guarded
 from dynid.errors import DynidError, UsageError
@@ -61,12 +62,12 @@ class LawComparison:
     p: Array  # likelihood-ratio test against the linear joint, NaN where it is not regular
 
     @cached_property
-    def tied(self) -> Array:
+    def tied(self) -> NDArray[np.bool_]:
         """True of candidates as good as the best one, itself included."""
         return np.asarray(self.bic <= np.nanmin(self.bic) + TIED_BIC)
 
     @property
-    def distinguishable(self) -> Array:
+    def distinguishable(self) -> NDArray[np.bool_]:
         """False of candidates that the records do not distinguish from the best one, or this from them."""
         return np.asarray(~self.tied | (np.count_nonzero(self.tied) == 1))
 
@@ -362,17 +363,17 @@ def _shared_stiffness(kind: str, ratio: float, slip: float) -> float:
 def _law(kind: str, seen: _Seen, ratio: float, part: float) -> tuple[JointLaw, ...]:
     """Return a law with its starts."""
     k, d = seen.stiffness, seen.amplitude
-    numbers = {
+    starts: dict[str, Callable[[], tuple[float, ...]]] = {
         "cubic": lambda: (ratio * k / d**2,),
         "quadratic_damping": lambda: (ratio * k * d / seen.speed**2,),
         "jenkins": lambda: (ratio * k, part * ratio * k * d),
         "bouc_wen": lambda: (ratio * k, 1 / (part * d), 0.2 / (part * d)),
         "gap": lambda: (ratio * k, part * seen.peak),
-    }[kind]()
+    }
     law = LAWS[kind]()
     parameters = [
         JointParameter(start=number, signed=name in law.signed)
-        for name, number in zip(law.names, numbers, strict=False)
+        for name, number in zip(law.names, starts[kind](), strict=False)
     ]
     parameters += [JointParameter(0.0)] * (len(law.names) - len(parameters))  # a contact without damper
     return (JointLaw(law, tuple(parameters)),)

@@ -123,7 +123,7 @@ def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Ref
         residual = likelihood.weighted(fit, noise)
         # Parameters of a joint that never slips or closes have no influence: they stay. Where those of a
         # linear model have none the search has run away, and `deviations` fails.
-        idle = ~(information.projected.any(axis=0) | superposes)
+        idle = np.asarray(~(information.projected.any(axis=0) | superposes))
         held = idle | likelihood.priors.blocked(fit.eta, information.projected.T @ residual)
         deviations = (
             np.linalg.norm(information.root_of(~idle), axis=1) if idle.any() else information.deviations()

@@ -352,7 +352,7 @@ def _measured(result: Result, group: str, joint: int) -> tuple[Array, ...] | Non
 
 def _restoring_forces(result: Result, group: str) -> Chart:
     """Return the force of the laws over the deflection: of the model, and as the record has it."""
-    names, columns = texts(result, f"{group}/joint")[:_JOINTS], {}
+    names, columns = texts(result, f"{group}/joint")[:_JOINTS], dict[str, Array]()
     subplots = []
     for k, name in enumerate(names):
         d, force, error = (
@@ -446,7 +446,7 @@ def _dissipation(result: Result) -> Chart:
         result[f"{_IDENTIFIED}/{member}"].data
         for member in ("amplitude", "dissipation", "dissipation_deviation")
     )
-    subplots, columns = [], {}
+    subplots, columns = list[Subplot](), dict[str, Array]()
     for k, name in enumerate(names):
         half = _CONFIDENCE * error[:, k]
         layers: list[Layer] = [

@@ -399,8 +399,8 @@ def _root_locus(result: Result, group: str) -> Chart:
     note = f" {about_locus['note']}." if "note" in about_locus else ""
     span = f"{short(float(gains[1]))} to {short(float(gains[-1]))}"
     about = f"{counted(poles.shape[1], 'pole')} over a factor on the gain of the loop, from {span}.{note}"
-    scale = {} if discrete else {"parameter": frequency_label(unit), "per_y": unit.factor}
-    plot = Subplot(across, up, layers, square=True, **scale)
+    parameter, per_y = ("", 0.0) if discrete else (frequency_label(unit), unit.factor)
+    plot = Subplot(across, up, layers, square=True, parameter=parameter, per_y=per_y)
     rows: list[tuple[CellValue, ...]] = [
         (float(gain), float(pole.real), float(pole.imag))
         for gain, row in zip(gains, poles, strict=True)

@@ -531,8 +531,8 @@ class MeasurementModel(RecordModel):
             raise fault("'held_out' are records of time, predicted beside those that are fitted")
         if self.modes_alone:
             return self
-        for number, record in enumerate(self.each_held_out, 1):
-            record.check(f"held-out record {number}")
+        for number, held_out in enumerate(self.each_held_out, 1):
+            held_out.check(f"held-out record {number}")
         all_of_file = any(isinstance(record.channels, AllOfFile) for record in self.each)
         if self.match is not None and not all_of_file:
             if self.modes is not None:

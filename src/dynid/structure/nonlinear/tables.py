@@ -315,7 +315,7 @@ class Steps(NamedTuple):
 
     def at(self, step: int, theta: Array) -> Array:
         """Return the loads at parts theta of a step (theta x nu)."""
-        return load_polynomials(theta) @ self.coefficients[step]
+        return np.asarray(load_polynomials(theta) @ self.coefficients[step])
 
 
 def _readouts(H: Array, G: Array, parts: Array) -> Array:
