@@ -22,7 +22,11 @@ from dynid.lti.signals import Multisine, Sampled
 from dynid.native import VARIABLE
 from dynid.parameters import ParameterPrior
 from dynid.report.content.blocks import TextTable
-from dynid.report.content.identifiability import calibration_sections, calibration_sentences
+from dynid.report.content.identifiability import (
+    calibration_caveats,
+    calibration_sections,
+    calibration_sentences,
+)
 from dynid.result import Result, Selection
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -482,6 +486,16 @@ def test_the_largest_effects_are_printed():
         "a gain error of 1 % in the force at DOF 5 would bias a.c by -1.6 % (0.16 standard errors)",
         "a trigger delay of one sample (2 ms) would bias a.k by +2 % (0.2 standard errors)",
     ]
+    (caveat,) = calibration_caveats(result_with(slope, change, [0.001, 0.01]))
+    assert (caveat.tone, caveat.reader) == ("bad", "page")
+    assert caveat.text == (
+        "a trigger delay of one sample (2 ms) would bias a.k by +2 % (20 standard errors); "
+        "the intervals include neither errors of gains nor of delays"
+    )
+    (caveat,) = calibration_caveats(result_with(slope, change, [0.1, 0.1]))
+    assert caveat.text.endswith("would bias a.k by +2 % (0.2 standard errors)")
+    assert caveat.tone == ""
+    assert not list(calibration_caveats(Result("identification")))
     (part,) = calibration_sections(result_with(slope, change, [0.1, 0.1]))
     grid = next(block for block in part.blocks if isinstance(block, TextTable))
     assert grid.rows[0] == ("a gain error of 1 % in the force at DOF 5", "+0.2 %", "-1.6 %")

@@ -274,30 +274,52 @@ def known_parts_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, 
     return ("bias of the estimates by", *effects.parameters, "residuals show it from"), rows, remarks
 
 
-def calibration_sentences(result: Result) -> Iterator[str]:
-    """Yield the largest effects of a load's gain, a sensor's, the delay, and a considered parameter.
+def _biases(result: Result) -> tuple[list[tuple[float, str]], bool]:
+    """Return the largest biases in sentences, each with its standard errors, and if error bars exclude them.
 
-    Effects that are small beside the standard error have none, nor have effects on rejected estimates.
+    They are those by a load's gain, a sensor's, the delay, and a considered parameter; small ones beside the
+    standard error, and those of rejected estimates, are left out.
     """
     effects, converged = _calibration_effects(result), "identification/diagnostics/converged"
     if effects is None or (converged in result and not result.value(converged)):
-        return
-    worst: list[tuple[int, int]] = []  # parameter and quantity, by the effect in standard errors if known
+        return [], False
+    biases, excluded = list[tuple[float, str]](), False
     for kind in ("load", "sensor", "delay", "parameter"):
         size = np.where(effects.kinds == kind, np.nan_to_num(np.abs(effects.moves)), 0.0)
         size[size < _MIN_CHANGE] = 0.0
         weight = np.where(size > 0, np.nan_to_num(effects.deviations), 0.0)
         ranked = np.where(weight > _MIN_STANDARD_ERRORS, weight, 0.0) if weight.any() else size
-        if ranked.any():
-            row, column = np.unravel_index(int(np.argmax(ranked)), ranked.shape)
-            worst.append((int(row), int(column)))
-    for k, j in worst:
-        biases = " and ".join(_bias(effects, row, j) for row in _named(effects, k, j))
-        included = "; included in standard_error_total" if effects.kinds[j] == "parameter" else ""
-        yield f"{effects.changes[j]} would bias {biases}{included}"
-    errors = (float(effects.deviations[k, j]) for k, j in worst if effects.kinds[j] != "parameter")
-    if any(CALIBRATION.value < many < _UNTOLD for many in errors):
+        if not ranked.any():
+            continue
+        k, j = map(int, np.unravel_index(int(np.argmax(ranked)), ranked.shape))
+        many, considered = float(effects.deviations[k, j]), kind == "parameter"
+        moves = " and ".join(_bias(effects, row, j) for row in _named(effects, k, j))
+        included = "; included in standard_error_total" if considered else ""
+        biases.append((many, f"{effects.changes[j]} would bias {moves}{included}"))
+        excluded |= not considered and CALIBRATION.value < many < _UNTOLD
+    return biases, excluded
+
+
+def calibration_sentences(result: Result) -> Iterator[str]:
+    """Yield the largest effects of a load's gain, a sensor's, the delay, and a considered parameter.
+
+    Effects that are small beside the standard error have none, nor have effects on rejected estimates.
+    """
+    biases, excluded = _biases(result)
+    yield from (text for _, text in biases)
+    if excluded:
         yield "the error bars do not include these errors"
+
+
+def calibration_caveats(result: Result) -> Iterator[Statement]:
+    """Yield the largest bias of the estimates by a calibration error, for pages: it stands beside these."""
+    biases, excluded = _biases(result)
+    counted = [(many, text) for many, text in biases if many < _UNTOLD]
+    if counted:
+        text = max(counted)[1]
+        if excluded:
+            text += "; the intervals include neither errors of gains nor of delays"
+        yield on_page(Statement(text, "bad" if excluded else ""))
 
 
 def _named(effects: _CalibrationEffects, worst: int, quantity: int) -> list[int]:

@@ -22,7 +22,11 @@ from dynid.number_format import (
     with_error,
 )
 from dynid.report.content.blocks import ALL, ReportSection, Statement, TextTable, joined
-from dynid.report.content.identifiability import calibration_sections, identifiability_sections
+from dynid.report.content.identifiability import (
+    calibration_caveats,
+    calibration_sections,
+    identifiability_sections,
+)
 from dynid.report.content.responses import (
     derived_sections,
     has_modes,
@@ -104,7 +108,8 @@ def _estimate_sections(result: Result) -> Iterator[ReportSection]:
     verdict, *statements = verdict_statements(result)
     doubts = (statement for statement in statements if statement.tone == "bad")
     yield ReportSection("Parameters", (_parameter_table(result),), "answer", screen="")
-    yield ReportSection("Parameters", (verdict, *doubts), "answer", screen="")
+    caveats = calibration_caveats(result)  # a page has no verdict above them alone
+    yield ReportSection("Parameters", (*caveats, verdict, *doubts), "answer", screen="")
     yield ReportSection(title, tuple(said for said in statements if said.tone != "bad"), screen="")
     if f"{_LAWS}/name" in result:
         yield _compared_laws(result)
