@@ -18,7 +18,7 @@ from dynid.modal.chains import Chart, chart_of
 from dynid.modal.frf_matrix import FrfMatrix
 from dynid.modal.modal_model import ModalFit, ModalModel
 from dynid.modal.plscf import poles_by_order
-from dynid.modal.reported_modes import ReportedModes, reported_modes
+from dynid.modal.reported_modes import ReportedModes, imaginary_shapes, reported_modes
 from dynid.modal.selection import degrees, in_band, select_modes
 from dynid.progress import report_progress
 
@@ -32,8 +32,6 @@ RECIPROCITY_LEVEL = 1e-3
 _LACK_OF_FIT = 4.0
 # Width of the main lobe of the Hann window, in lines.
 _MAIN_LOBE_LINES = 4
-# Steps of the fit with real shapes: where more are needed they do not fit.
-_REAL_STEPS = 12
 # Repetitions of the fit with noise in proportion to the fitted responses instead of the measured ones.
 _PROPORTIONAL_FITS = 2
 
@@ -118,6 +116,7 @@ def analyse(
         ratio = np.nanmedian(model.frf.deviation / np.abs(model.frf.values), axis=0)
         model = ModalModel(replace(model.frf, deviation=ratio * synthesis), real=real)
         fit = model.fit(fit.poles, fit.participation)
+    inside = in_band(fit.poles, frf) & (fit.poles.real < 0)  # guard poles may enter the band later
     whiteness = _whiteness(fit, model)
     reduced_chi2 = fit.chi2 / degrees(model, fit)
     bar_scale = _bar_scale(frf, reduced_chi2, whiteness, degrees(model, fit))
@@ -129,12 +128,13 @@ def analyse(
         tested = _p_value((constrained.chi2 - fit.chi2) / unit, fit.parameters - constrained.parameters)
         if reciprocal is True or tested >= RECIPROCITY_LEVEL:
             model, fit = own, constrained
-    real_shapes = float("nan") if real else _p_of_real_shapes(model, fit, unit)
-    order = np.argsort(fit.poles.imag, kind="stable")
-    fit = model.evaluate(fit.poles[order], fit.participation[:, order], fit.free[:, order])
-    modes = np.flatnonzero(in_band(fit.poles, frf) & (fit.poles.real < 0))
+    modes = np.array([r for r in np.argsort(fit.poles.imag, kind="stable") if inside[r]], dtype=int)
     if not len(modes):
         raise NumericalError("no mode is found in the band", remedy="Choose the band by the peaks.")
+    real_shapes = float("nan")
+    if not real:
+        statistic, constraints = imaginary_shapes(model, fit, modes)
+        real_shapes = _p_value(statistic / unit, constraints)
     reported = reported_modes(
         model,
         fit,
@@ -196,19 +196,6 @@ def _bar_scale(frf: FrfMatrix, reduced_chi2: float, whiteness: float, free: int)
     if frf.estimated and frf.correlation == 1 and whiteness < 1 - _LACK_OF_FIT * np.sqrt(2 / free):
         return float(1 / np.sqrt(whiteness))
     return 1.0
-
-
-def _p_of_real_shapes(model: ModalModel, fit: ModalFit, unit: float) -> float:
-    """Return the p-value of real shapes against the complex ones of a fit."""
-    constrained = ModalModel(model.frf, real=True, reciprocal=list(model.own.items()))
-    participation = fit.participation
-    if model.own:  # of unit modal a, whose square is of phase -90 degrees over the mass
-        participation = participation * np.sqrt(2j * fit.poles.imag)
-    try:
-        real_fit = constrained.fit(fit.poles, participation, _REAL_STEPS)
-    except NumericalError:
-        return 0.0
-    return _p_value((real_fit.chi2 - fit.chi2) / unit, fit.parameters - real_fit.parameters)
 
 
 def _p_value(increase: float, parameters: int) -> float:

@@ -8,9 +8,8 @@ instead of 95. Residual terms are projected out of the data of every pair once, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +27,8 @@ _DECREASE, MAX_STEPS, _MAX_DAMPINGS = 1e-2, 40, 12
 _DAMPING, _DAMPING_FACTOR, _MIN_DAMPING = 1e-3, 10.0, 1e-12
 # Steps before that are mixed into one.
 _DEPTH = 5
+# Numbers of products of columns that are in memory at once (128 MB).
+_CHUNK_NUMBERS = 2**24
 # Reciprocal condition of a scaled normal matrix below which shapes or poles are dependent.
 _DEPENDENT = 1e-14
 
@@ -84,55 +85,73 @@ class ModalModel:
         omega = frf.omega
         relative = omega / np.sqrt(omega[0] * omega[-1])
         terms = np.stack([relative**power for power in RESIDUAL_POWERS], axis=1)
-        self._residual_bases: dict[tuple[int, int], Array] = {}
-        self._data: dict[tuple[int, int], Array] = {}
-        for pair in self._pairs():
-            weights = frf.weights[:, pair[0], pair[1]]
-            basis, _ = np.linalg.qr(weights[:, None] * terms)  # of real and of imaginary parts
-            data = _stacked(frf.weighted[:, [pair[0]], pair[1]]).reshape(2, len(omega), 1)
-            self._residual_bases[pair] = basis
-            self._data[pair] = (data - basis @ (basis.T @ data)).ravel()
-
-    def _pairs(self) -> list[tuple[int, int]]:
-        return [(o, i) for o in range(self.responses) for i in range(self.references)]
+        # Of all pairs, references innermost: weights, orthonormal residual terms (of real and of imaginary
+        # parts alike), and the data without them.
+        self._weights = np.ascontiguousarray(np.moveaxis(frf.weights, 0, -1).reshape(-1, len(omega)))
+        self._bases = np.linalg.qr(self._weights[:, :, None] * terms)[0]
+        weighted = np.moveaxis(frf.weighted, 0, -1).reshape(-1, len(omega))
+        data = np.stack([weighted.real, weighted.imag], axis=1)
+        self._data = data - (data @ self._bases) @ self._bases.transpose(0, 2, 1)
 
     def _columns(self, poles: ComplexArray) -> Array:
-        """Return derivatives by the parts of residues and, for unit residues, of poles (2 L x …)."""
+        """Return derivatives by the parts of residues and, for unit residues, of poles (2 x L x …)."""
         s = 1j * self.frf.omega[:, None]
         a, b = 1 / (s - poles), 1 / (s - poles.conj())
         if self.real:
             square = (a * b) ** 2
-            return _stacked(np.hstack([a * b, 2 * (s - poles.real) * square, -2 * poles.imag * square]))
-        return _stacked(np.hstack([a + b, 1j * (a - b), a**2 + b**2, 1j * (a**2 - b**2)]))
+            columns = np.hstack([a * b, 2 * (s - poles.real) * square, -2 * poles.imag * square])
+        else:
+            columns = np.hstack([a + b, 1j * (a - b), a**2 + b**2, 1j * (a**2 - b**2)])
+        return np.stack([columns.real, columns.imag])
 
-    def _map(self, factor: ComplexArray) -> Array:
-        """Return the matrix of the multiplication of residues (parts) by a factor each."""
+    def _scaled(self, matrix: Array, factor: ComplexArray) -> Array:
+        """Return a matrix times that of the multiplication of residues (parts) by a factor each."""
         if self.real:
-            return np.diag(factor.real)
-        real, imaginary = np.diag(factor.real), np.diag(factor.imag)
-        return np.block([[real, -imaginary], [imaginary, real]])
+            return matrix * factor.real
+        real, imaginary = np.split(matrix, 2, axis=-1)
+        return np.concatenate(
+            [
+                real * factor.real + imaginary * factor.imag,
+                imaginary * factor.real - real * factor.imag,
+            ],
+            axis=-1,
+        )
 
-    def _pole_map(self, residues: ComplexArray) -> Array:
-        """Return the matrix from changes of poles (parts) to those of the responses of residues."""
-        return np.diag(np.tile(residues.real, 2)) if self.real else self._map(residues)
+    def _by_unknowns(self, matrix: Array, shape: ComplexArray, participation: ComplexArray) -> Array:
+        """Return a matrix times that from parts of poles, participations and shape to its columns."""
+        residues, forces = shape * participation, shape.shape[-1] * self._parts
+        by_residues, by_poles = matrix[..., :forces], matrix[..., forces:]
+        return np.concatenate(
+            [
+                by_poles * np.concatenate([residues.real] * 2, axis=-1)
+                if self.real
+                else self._scaled(by_poles, residues),
+                self._scaled(by_residues, shape),
+                self._scaled(by_residues, participation),
+            ],
+            axis=-1,
+        )
+
+    @property
+    def _parts(self) -> int:
+        return 1 if self.real else 2
 
     def _join(self, parts: Array) -> ComplexArray:
         """Return complex numbers from their parts."""
-        m = len(parts) // (1 if self.real else 2)
+        m = len(parts) // self._parts
         return parts.astype(complex) if self.real else np.asarray(parts[:m] + 1j * parts[m:])
 
     def residues(self, poles: ComplexArray) -> ComplexArray:
         """Return the residues (responses x references x m) of linear least squares, every pair by itself."""
-        columns = self._columns(poles)[:, : len(poles) * (1 if self.real else 2)]
-        residues = np.zeros((self.responses, self.references, len(poles)), dtype=complex)
-        for pair in self._pairs():
-            X = _Columns(columns, *self._weighting(pair)).projected
-            solution = np.asarray(np.linalg.lstsq(X, self._data[pair], rcond=None)[0], dtype=np.float64)
-            residues[pair] = self._join(solution)
-        return residues
-
-    def _weighting(self, pair: tuple[int, int]) -> tuple[Array, Array]:
-        return self.frf.weights[:, pair[0], pair[1]], self._residual_bases[pair]
+        forces = self._parts * len(poles)
+        pairs = _Pairs(self, self._columns(poles)[:, :, :forces], slice(0, self.responses))
+        residues = np.zeros((self.responses * self.references, len(poles)), dtype=complex)
+        for row, (gram, product) in enumerate(zip(pairs.grams, pairs.times(pairs.data), strict=True)):
+            scale = _scale(gram)
+            normal = gram / np.outer(scale, scale)
+            solution = np.linalg.lstsq(normal, product / scale, rcond=_DEPENDENT)[0] / scale
+            residues[row] = self._join(np.asarray(solution, dtype=np.float64))
+        return residues.reshape(self.responses, self.references, -1)
 
     def start(self, poles: ComplexArray) -> ComplexArray:
         """Return participations (references x m) of the residues' best rank-one approximations."""
@@ -154,66 +173,82 @@ class ModalModel:
 
     def evaluate(self, poles: ComplexArray, L: ComplexArray, free: NDArray[np.bool_]) -> ModalFit:
         """Return the fit at poles and participations, shapes solved for."""
-        m, parts = len(poles), 1 if self.real else 2
-        columns, forces = self._columns(poles), parts * m
+        m, parts = len(poles), self._parts
+        columns, forces = self._columns(poles), self._parts * m
         # Unknowns: parts of the poles, then of the free participations, reference by reference.
         starts = 2 * m + np.concatenate([[0], np.cumsum(parts * free.sum(axis=1))]).astype(int)
         free_parts = [np.flatnonzero(np.tile(row, parts)) for row in free]
         N, gradient = np.zeros((starts[-1], starts[-1])), np.zeros(starts[-1])
         shapes = np.zeros((self.responses, m), dtype=complex)
+        for o, reference in self.own.items():
+            shapes[o] = L[reference]
         residual = np.zeros(self.frf.values.shape, dtype=complex)
-        roots: list[Array | None] = []
-        slopes: list[Array | None] = []
-        chi2 = 0.0
-        factors = [self._map(L[i]) for i in range(self.references)]
-        for o in range(self.responses):
-            X = [_Columns(columns, *self._weighting((o, i))) for i in range(self.references)]
-            y = [self._data[o, i] for i in range(self.references)]
-            grams = [x.gram for x in X]
-            own = self.own.get(o)
-            if own is None:
-                K = sum(T.T @ G[:forces, :forces] @ T for T, G in zip(factors, grams, strict=True))
-                root = inverse_root(np.asarray(K))
-                psi, rest = np.zeros(forces), y
-                for _ in range(2):  # the second time refines the solution of the normal equations
-                    g = sum(T.T @ x.times(r)[:forces] for T, x, r in zip(factors, X, rest, strict=True))
-                    psi = psi + root @ (root.T @ g)
-                    rest = [a - x.sum(T @ psi) for T, x, a in zip(factors, X, y, strict=True)]
-                shapes[o] = self._join(psi)
-            else:
-                shapes[o] = L[own]
-                own_parts = np.concatenate([L[own].real, L[own].imag])[:forces]
-                rest = [a - x.sum(T @ own_parts) for T, x, a in zip(factors, X, y, strict=True)]
-            cross = np.zeros((forces, len(N)))
-            of_shape = self._map(shapes[o])
-            for i in range(self.references):
-                B = np.zeros((len(grams[i]), len(N)))
-                B[forces:, : 2 * m] = self._pole_map(shapes[o] * L[i])
-                B[:forces, starts[i] : starts[i + 1]] += of_shape[:, free_parts[i]]
-                used = [np.arange(2 * m), np.arange(starts[i], starts[i + 1])]
-                if own is not None:
-                    B[:forces, starts[own] : starts[own + 1]] += factors[i][:, free_parts[own]]
-                    used += [np.arange(starts[own], starts[own + 1])] if own != i else []
-                index = np.concatenate(used)
-                B = B[:, index]
-                product = grams[i] @ B
-                N[np.ix_(index, index)] += B.T @ product
-                gradient[index] += B.T @ X[i].times(rest[i])
-                if own is None:
-                    cross[:, index] += factors[i].T @ product[:forces]
-                chi2 += float(rest[i] @ rest[i])
-                residual[:, o, i] = _unstacked(rest[i])
-            if own is None:
-                moved = root.T @ cross
-                N -= moved.T @ moved
-                roots.append(root)
-                slopes.append(-root @ moved)
-            else:
-                roots.append(None)
-                slopes.append(None)
+        roots: list[Array | None] = [None] * self.responses
+        slopes: list[Array | None] = [None] * self.responses
+        poles_at, shape_at = np.arange(2 * m), 2 * m + forces
+        for rows in self._chunks(columns.shape[2]):
+            pairs = _Pairs(self, columns, rows)
+            responses = range(rows.start, rows.stop)
+            grams = pairs.grams.reshape(len(responses), self.references, *pairs.grams.shape[1:])
+            rest = self._solve_shapes(pairs, grams, rows, L, shapes, roots)
+            values = rest.reshape(len(responses), self.references, 2, -1)
+            residual[:, rows] = np.moveaxis(values[:, :, 0] + 1j * values[:, :, 1], -1, 0)
+            products = pairs.times(rest).reshape(len(responses), self.references, -1)
+            for o, G, product in zip(responses, grams, products, strict=True):
+                own, root = self.own.get(o), roots[o]
+                half = self._by_unknowns(G, shapes[o], L[:, None]).transpose(0, 2, 1)
+                H = self._by_unknowns(half, shapes[o], L[:, None])
+                g = self._by_unknowns(product, shapes[o], L)
+                cross = np.zeros((forces, len(N)))
+                for i, free_at in enumerate(free_parts):
+                    blocks = [(poles_at, poles_at), (np.arange(*starts[i : i + 2]), 2 * m + free_at)]
+                    if own is not None:
+                        blocks.append((np.arange(*starts[own : own + 2]), shape_at + free_parts[own]))
+                    for index, at in blocks:
+                        gradient[index] += g[i, at]
+                        cross[:, index] += H[i][shape_at:, at]
+                        for other, at_other in blocks:
+                            N[np.ix_(index, other)] += H[i][np.ix_(at, at_other)]
+                if root is not None:
+                    moved = root.T @ cross
+                    N -= moved.T @ moved
+                    slopes[o] = -root @ moved
+        chi2 = float(np.sum(np.abs(residual) ** 2))
         terms = 2 * len(RESIDUAL_POWERS) * self.responses * self.references
         linear = terms + forces * (self.responses - len(self.own))
         return ModalFit(poles, L, shapes, chi2, residual, N, gradient, free, roots, slopes, linear)
+
+    def _solve_shapes(
+        self,
+        pairs: _Pairs,
+        grams: Array,
+        rows: slice,
+        L: ComplexArray,
+        shapes: ComplexArray,
+        roots: list[Array | None],
+    ) -> Array:
+        """Set shapes that are no participations, and roots of their covariance; return the residuals."""
+        forces = self._parts * shapes.shape[1]
+        free = [o for o in range(rows.start, rows.stop) if o not in self.own]
+        for o in free:
+            half = self._scaled(grams[o - rows.start, :, :forces, :forces], L[:, None]).transpose(0, 2, 1)
+            roots[o] = inverse_root(np.sum(self._scaled(half, L[:, None]), axis=0))
+        rest = pairs.without(shapes[rows, None] * L, self._parts)
+        for _ in range(2):  # the second time refines the solution of the normal equations
+            products = pairs.times(rest)[:, :forces].reshape(-1, self.references, forces)
+            g = np.sum(self._scaled(products, L), axis=1)
+            for o in free:
+                root = roots[o]
+                assert root is not None
+                shapes[o] += self._join(root @ (root.T @ g[o - rows.start]))
+            rest = pairs.without(shapes[rows, None] * L, self._parts)
+        return rest
+
+    def _chunks(self, columns: int) -> Iterator[slice]:
+        """Yield responses whose products of columns are computed together."""
+        size = max(1, _CHUNK_NUMBERS // (self.references * columns**2))
+        for start in range(0, self.responses, size):
+            yield slice(start, min(start + size, self.responses))
 
     def fit(self, poles: ComplexArray, participation: ComplexArray, max_steps: int = MAX_STEPS) -> ModalFit:
         """Return the fit of largest likelihood from a start, by damped Gauss–Newton steps.
@@ -254,7 +289,7 @@ class ModalModel:
         if np.any(poles.imag <= 0):
             return None
         for i, row in enumerate(fit.free):
-            count = int(row.sum()) * (1 if self.real else 2)
+            count = int(row.sum()) * self._parts
             L[i, row] += self._join(move[at : at + count])
             at += count
         try:
@@ -292,47 +327,41 @@ class _History:
         return np.asarray(step - (np.array(self._moves).T + changes) @ weights)
 
 
-class _Columns:
-    """Weighted columns (2 L x k) of a pair, residual terms projected out: as a product only where asked."""
+class _Pairs:
+    """Pairs of some responses with all references: weighted columns (2 L x k), residual terms projected out.
 
-    def __init__(self, columns: Array, weights: Array, basis: Array) -> None:
-        self._weighted = (weights[:, None] * columns.reshape(2, len(weights), -1)).reshape(columns.shape)
-        self._basis = basis
-        self._shares = basis.T @ self._halves(self._weighted)  # of the residual terms (2 x terms x k)
+    Their products are sums over lines of squared weights, which pairs differ in, times products of columns,
+    which they share.
+    """
 
-    def _halves(self, values: Array) -> Array:
-        """Return real and imaginary parts, one above the other, side by side (2 x L x …)."""
-        return values.reshape(2, len(self._basis), *values.shape[1:])
-
-    @property
-    def gram(self) -> Array:
-        """Products of all columns with each other (k x k)."""
-        shares = self._shares.reshape(-1, self._shares.shape[2])
-        return np.asarray(self._weighted.T @ self._weighted - shares.T @ shares)
-
-    @property
-    def projected(self) -> Array:
-        """The columns (2 L x k)."""
-        return self._weighted - (self._basis @ self._shares).reshape(self._weighted.shape)
+    def __init__(self, model: ModalModel, columns: Array, responses: slice) -> None:
+        rows = slice(responses.start * model.references, responses.stop * model.references)
+        self.data, self._weights, self._bases = model._data[rows], model._weights[rows], model._bases[rows]
+        self._columns = columns
+        count, k, terms = len(self.data), columns.shape[2], self._bases.shape[2]
+        weighted = (self._weights[:, :, None] * self._bases).transpose(0, 2, 1).reshape(count * terms, -1)
+        shares = [(weighted @ part).reshape(count, terms, k) for part in columns]
+        self._shares = np.stack(shares, axis=1)  # of the residual terms (count x 2 x terms x k)
+        squares = self._weights**2
+        self.grams = np.empty((count, k, k))
+        for j in range(k):
+            products = squares @ np.einsum("pl,plk->lk", columns[:, :, j], columns[:, :, j:])
+            self.grams[:, j, j:] = self.grams[:, j:, j] = products
+        flat = self._shares.reshape(count, 2 * terms, k)
+        self.grams -= flat.transpose(0, 2, 1) @ flat
 
     def times(self, data: Array) -> Array:
-        """Return the products of all columns with data (2 L) without residual terms."""
-        return np.asarray(self._weighted.T @ data)
+        """Return the products of all columns with data (count x 2 x L) without residual terms."""
+        weighted = self._weights[:, None] * data
+        return np.asarray(weighted[:, 0] @ self._columns[0] + weighted[:, 1] @ self._columns[1])
 
-    def sum(self, factors: Array) -> Array:
-        """Return the sum of the first columns times factors (2 L)."""
-        k = len(factors)
-        residual = self._basis @ (self._shares[:, :, :k] @ factors)[:, :, None]
-        return np.asarray(self._weighted[:, :k] @ factors - residual.ravel())
-
-
-def _stacked(values: ComplexArray) -> Array:
-    return np.concatenate([values.real, values.imag])
-
-
-def _unstacked(values: Array) -> Any:
-    half = len(values) // 2
-    return values[:half] + 1j * values[half:]
+    def without(self, residues: ComplexArray, parts: int) -> Array:
+        """Return the data without the responses of residues (count x 2 x L)."""
+        factors = np.concatenate([residues.real, residues.imag][:parts], axis=-1).reshape(len(self.data), -1)
+        k = factors.shape[1]
+        sums = np.stack([factors @ part[:, :k].T for part in self._columns], axis=1)
+        terms = (self._shares[..., :k] @ factors[:, None, :, None])[..., 0]
+        return self.data - self._weights[:, None] * sums + terms @ self._bases.transpose(0, 2, 1)
 
 
 def _scale(information: Array) -> Array:

@@ -150,6 +150,37 @@ def reported_modes(
     )
 
 
+def imaginary_shapes(model: ModalModel, fit: ModalFit, modes: NDArray[np.int_]) -> tuple[float, int]:
+    """Return the Wald statistic of what no phase makes real of complex shapes, and its degrees of freedom.
+
+    Shapes of real modes of positive mass have phase -90 degrees beside real participations, and with these
+    -45 degrees where both are equal by reciprocity.
+    """
+    unknowns = _Unknowns(model, fit)
+    turn = np.exp(0.25j * np.pi) if model.own else 1.0
+    rows, values = [], []
+    for i, free in enumerate(fit.free[:, modes]):
+        rows.append(_times(np.full(len(modes), turn), unknowns.participation(i, modes))[1, free])
+        values.append((turn * fit.participation[i, modes]).imag[free])
+    G, c = np.vstack(rows), np.concatenate(values)
+    # Unknowns u of unit covariance at the constraint G u = -c, shapes of further responses at theirs.
+    A, b, statistic, count = np.eye(G.shape[1]), np.zeros(G.shape[1]), 0.0, len(c)
+    turns = np.full(len(modes), turn if model.own else 1j)
+    for o in set(range(model.responses)) - {*model.own}:
+        of_shapes = unknowns.shapes(o, modes)
+        root, slopes = (_times(turns, parts)[1] for parts in (of_shapes.root, of_shapes.slopes))
+        shape = (turns * fit.shapes[o, modes]).imag
+        whitened = np.linalg.solve(np.linalg.cholesky(root @ root.T), np.column_stack([slopes, shape]))
+        A += whitened[:, :-1].T @ whitened[:, :-1]
+        b -= whitened[:, :-1].T @ whitened[:, -1]
+        statistic += float(whitened[:, -1] @ whitened[:, -1])
+        count += len(modes)
+    multiplied = np.block([[A, G.T], [G, np.zeros((len(c), len(c)))]])
+    solution = np.linalg.solve(multiplied, np.concatenate([b, -c]))
+    # Least value of u'u + sum of squares: by stationarity A u = b - G' nu.
+    return statistic - float(solution @ np.concatenate([b, -c])), count
+
+
 def _phase(fit: ModalFit, modes: NDArray[np.int_], duration: float) -> Array:
     """Return the phase of poles after a duration, rad; 0 of decays that are not cut off."""
     return fit.poles[modes].imag * duration if np.isfinite(duration) else np.zeros(len(modes))

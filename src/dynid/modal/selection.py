@@ -141,12 +141,13 @@ def _without_weak(model: ModalModel, fit: ModalFit, covariance: Array) -> ModalF
     least = worth(model.frf)
     m = len(fit.poles)
     wald = np.full(m, np.inf)
-    for r in np.flatnonzero(in_band(fit.poles, model.frf)) if m > 1 else ():
-        parts = [r] if model.real else [r, m + r]
-        wald[r] = 0.0
-        for o in range(model.responses):
-            block = fit.shape_covariance(o, covariance)
-            assert block is not None  # reciprocity is tested when the modes are known
+    tested = np.flatnonzero(in_band(fit.poles, model.frf)) if m > 1 else np.zeros(0, dtype=int)
+    wald[tested] = 0.0
+    for o in range(model.responses):
+        block = fit.shape_covariance(o, covariance)
+        assert block is not None  # reciprocity is tested when the modes are known
+        for r in tested:
+            parts = [r] if model.real else [r, m + r]
             value = np.array([fit.shapes[o, r].real, fit.shapes[o, r].imag])[: len(parts)]
             wald[r] += value @ np.linalg.solve(block[np.ix_(parts, parts)], value)
     # Without the correlation of responses the statistic misjudges close pairs: the fit without it decides.
