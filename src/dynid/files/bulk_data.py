@@ -112,7 +112,7 @@ def _orders(cards: Mapping[str, Sequence[Card]], all_components: Mapping[int, st
         if node
     ]
     if outside:
-        yield DofOrder("EXTRN", tuple(label for pair in outside for label in _component_labels(*pair)), True)
+        yield DofOrder("EXTRN", tuple(label for pair in outside for label in component_labels(*pair)), True)
     kept: dict[int, set[str]] = {}
     for name in _ASETS:
         for card in cards.get(name, ()):
@@ -123,10 +123,10 @@ def _orders(cards: Mapping[str, Sequence[Card]], all_components: Mapping[int, st
             for node, components in pairs:
                 kept.setdefault(node, set()).update(components or "0")
     if kept:
-        analysed = (_component_labels(node, "".join(sorted(kept[node]))) for node in sorted(kept))
+        analysed = (component_labels(node, "".join(sorted(kept[node]))) for node in sorted(kept))
         yield DofOrder("a-set", tuple(label for labels_of_node in analysed for label in labels_of_node), True)
     labels = tuple(
-        label for node in sorted(all_components) for label in _component_labels(node, all_components[node])
+        label for node in sorted(all_components) for label in component_labels(node, all_components[node])
     )
     yield DofOrder("g-set", labels, True)
     held = set(_constrained(cards, _HELD))
@@ -154,10 +154,10 @@ def _constrained(cards: Mapping[str, Sequence[Card]], kinds: _Places) -> Iterato
                     continue
                 nodes = [integer(card[node])] if node is not None else _listed_points(card[at:])
                 for grid in nodes:
-                    yield from _component_labels(grid, along)
+                    yield from component_labels(grid, along)
 
 
-def _component_labels(node: int, components: str) -> list[Label]:
+def component_labels(node: int, components: str) -> list[Label]:
     """Return the labels of a node's DOFs by components ``1`` … ``6``; of a scalar point its number."""
     along = [DIRECTIONS[int(digit) - 1] for digit in components if digit in "123456"]
     return [f"{node}:{direction}" for direction in along] if along else [node]
@@ -372,5 +372,5 @@ def _labelled(rows: Sequence[tuple[int, int, int, int, float]], *, symmetric: bo
     if symmetric:  # one of two mirrored entries is there, or both
         lone = (i != j) & ~np.isin(j * n + i, i * n + j)
         i, j, values = (np.concatenate(pair) for pair in ((i, j[lone]), (j, i[lone]), (values, values[lone])))
-    labels = tuple(_component_labels(node, str(component))[0] for node, component in dofs.tolist())
+    labels = tuple(component_labels(node, str(component))[0] for node, component in dofs.tolist())
     return ImportedMatrix(coo_array((values, (i, j)), shape=(n, n)).tocsc(), labels)

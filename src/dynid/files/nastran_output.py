@@ -14,6 +14,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import FileError
+from dynid.files.bulk_data import component_labels
 from dynid.files.matrix_data import Container, numeric_matrix
 from dynid.files.untrusted import check_claim, read_errors
 from dynid.structure.dof_order import DofOrder, NodeFile
@@ -52,40 +53,54 @@ def _listed(stored: Any) -> dict[str, tuple[tuple[int, ...], int]]:
 
 
 def read_nodes(path: Path) -> NodeFile:
-    """Return the nodes of a file, and the orders of DOFs of its a-set, l-set, f-set, n-set and g-set."""
-    with read_errors(path, _WHAT, claims=True):
-        with _opened(path) as stored:
-            blocks = set(stored.dbnames)
-            several = max(len(stored.dbnames.get(name, ())) for name in ("BGPDT", "BGPDTS"))
-            with_sets = bool(blocks & {"USETTAB", "USET0", "USET"})
-            tables = stored.rdn2cop2() if with_sets else None
-        if tables is None and several > 1:
+    """Return the nodes of a file, and the orders of DOFs that it states.
+
+    These are the sets of USET (a, l, f, n, g), the EXTRN of GEOM1, and the g-set of BGPDT with EQEXIN. From
+    GRID in GEOM1 alone follows none: scalar points may be missing.
+    """
+    with read_errors(path, _WHAT, claims=True), _opened(path) as stored:
+        blocks = stored.dbnames
+        several = max(len(blocks.get(name, ())) for name in ("BGPDT", "BGPDTS", "GEOM1", "GEOM1S"))
+        if several > 1:
             raise FileError(
                 f"{path} has the nodes of {several} superelements",
                 remedy="Give the bulk data of one of them (.pch, .asm), or a table of nodes (.csv).",
             )
-        if tables is None and blocks & {"GEOM1", "GEOM1S"}:
-            from pyyeti.nastran import op2  # heavy import, of an optional package
-
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                tables = op2.rdpostop2(str(path), getougv1=False)
-        table = None if tables is None else tables.get("uset")
-        if isinstance(table, Mapping):
-            if len(table) > 1:
-                raise FileError(
-                    f"{path} has {len(table)} superelements: {', '.join(map(str, sorted(table)))}",
-                    remedy="Give the bulk data of one of them (.pch, .asm), or a table of nodes (.csv).",
-                )
-            table = next(iter(table.values()), None)
+        geometry: Mapping[str, Any] = {}
+        table, sets = None, _SETS
+        if next(iter(blocks), None) in ("SLIST", "SUPERID"):  # as pyyeti's NAS2CAM writes
+            table = next(iter(stored.rdn2cop2()["uset"].values()))
+        elif blocks.keys() & {"GEOM1", "GEOM1S"}:
+            tables = stored.rdparampost(get_mats=False, get_dr_tables=False)
+            table, geometry = tables.get("uset"), tables["geom1"].get(0, {})
+            sets = _SETS if "USET" in blocks else ("g",)
+        if table is None and "grid" in geometry:
+            table, sets = _table_of_grids(geometry), ()
         if table is None or not len(table):
             raise FileError(
-                f"{path} has no nodes", remedy="Give bulk data (.bdf, .pch), or a table of nodes (.csv)."
+                f"{path} has no nodes",
+                remedy="Write GEOM1, BGPDT, EQEXIN and USET into it, or give bulk data (.bdf, .pch), or "
+                "a table of nodes (.csv).",
             )
-        return _of_table(table, _SETS if with_sets else ("g",))
+        outside = [
+            label
+            for node, components in geometry.get("extrn", ())
+            for label in component_labels(int(node), str(components))
+        ]
+        orders = [DofOrder("EXTRN", tuple(outside), stated=True)] if outside else []
+        return _of_table(table, sets, orders)
 
 
-def _of_table(table: Any, sets: Sequence[str]) -> NodeFile:
+def _table_of_grids(geometry: Mapping[str, Any]) -> Any:
+    """Return pyyeti's table of the GRID entries of GEOM1: id, cp, position, cd, …, by ascending ids."""
+    from pyyeti.nastran import n2p  # heavy import, of an optional package
+
+    grid = geometry["grid"][np.argsort(geometry["grid"][:, 0])]
+    numbers, systems, axes = grid[:, [0, 1, 5]].astype(int).T.tolist()
+    return n2p.addgrid(None, numbers, "b", systems, grid[:, 2:5], axes, geometry["cords"])
+
+
+def _of_table(table: Any, sets: Sequence[str], orders: Sequence[DofOrder]) -> NodeFile:
     """Return the nodes of pyyeti's table: a row a DOF, by node and component; positions in the first."""
     from pyyeti.nastran import n2p  # heavy import, of an optional package
 
@@ -102,12 +117,12 @@ def _of_table(table: Any, sets: Sequence[str]) -> NodeFile:
         f"{int(node)}:{DIRECTIONS[int(component) - 1]}" if component else int(node)
         for node, component in index
     ]
-    orders = []
+    listed = [*orders]
     for name in sets:
         kept = np.flatnonzero(n2p.mksetpv(table, "p", name)) if name != "g" else np.arange(len(labels))
         if len(kept):
-            orders.append(DofOrder(f"{name}-set", tuple(labels[kept_row] for kept_row in kept), stated=True))
-    return NodeFile(Nodes(tuple(numbers), rows[first], axes), tuple(orders))
+            listed.append(DofOrder(f"{name}-set", tuple(labels[kept_row] for kept_row in kept), stated=True))
+    return NodeFile(Nodes(tuple(numbers), rows[first], axes), tuple(listed))
 
 
 @contextmanager
