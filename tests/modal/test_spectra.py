@@ -120,11 +120,12 @@ def test_defects_are_left_out_by_name():
         spectra_of_records([clipped])
 
 
-def test_a_record_that_has_not_decayed_is_named():
-    notes = spectra_of_records([impact(0, seconds=0.5, noise=0.0)]).notes
-    assert notes == ["record 0 has not decayed at its end (channel a): state 'exponential'"]
-    notes = spectra_of_records([impact(0, seconds=0.5, noise=0.0)], exponential=0.2).notes
-    assert notes == ["record 0 has not decayed at its end (channel a): shorten 'exponential'"]
+def test_records_that_have_not_decayed_are_named():
+    assert spectra_of_records([impact(1, noise=0.0)]).cut_off == ()
+    short = impact(0, seconds=0.5, noise=0.0)
+    assert spectra_of_records([short]).cut_off == ("record 0",)
+    assert spectra_of_records([short], exponential=0.2).cut_off == ("record 0",)
+    assert spectra_of_records([short], exponential=0.05).cut_off == ()
 
 
 def test_a_single_impact_has_no_scatter():

@@ -127,7 +127,7 @@ band: {low: 4, high: 50, unit: Hz}
 """
 
 
-def impact_record(path, reference, sensors, seed, second=0.0):
+def impact_record(path, reference, sensors, seed, second=0.0, noise=0.02):
     """Write the force of an impact and accelerations of sensors (from 0) of the chain, 12 s."""
     random = np.random.default_rng(seed)
     step, samples, long = 0.005, 2400, 8000
@@ -138,17 +138,17 @@ def impact_record(path, reference, sensors, seed, second=0.0):
     unit = np.eye(3)[:, reference]
     H = np.array([-(w**2) * np.linalg.solve(K + 1j * w * C - w**2 * M, unit) for w in omega])
     values = np.fft.irfft(H * np.fft.rfft(force)[:, None], long, axis=0)
-    values = values + 0.02 * values.std(axis=0) * random.standard_normal(values.shape)
+    values = values + noise * values.std(axis=0) * random.standard_normal(values.shape)
     columns = np.column_stack([np.arange(long) * step, force, values[:, sensors]])[:samples]
     heads = ",".join(["t", "F", *(f"a{sensor + 1}" for sensor in sensors)])
     np.savetxt(path, columns, delimiter=",", header=heads, comments="", fmt="%.10g")
 
 
-def listed(folder, hits):
+def listed(folder, hits, noise=0.02):
     """Write records and return their scene; hits are (reference, sensors, part of a second hit)."""
     lines = []
     for seed, (reference, sensors, second) in enumerate(hits):
-        impact_record(folder / f"hit{seed}.csv", reference, sensors, seed, second)
+        impact_record(folder / f"hit{seed}.csv", reference, sensors, seed, second, noise)
         channels = ", ".join(f"{{dof: {sensor + 1}, quantity: acceleration}}" for sensor in sensors)
         names = ", ".join(f"a{sensor + 1}" for sensor in sensors)
         lines.append(
@@ -174,6 +174,15 @@ def test_impacts_at_two_references_and_a_double_hit(tmp_path):
     (warning,) = result["modal/warnings"].data
     assert warning.startswith("record 5 is left out: a double hit, 1.9e+03 ms later with 30 % of the force")
     assert list(result["modal/reference"].data) == ["1", "3"]
+
+
+def test_decays_that_end_too_early_are_named_where_residuals_show_it(tmp_path):
+    path = listed(tmp_path, [(0, [0, 1, 2], 0.0)] * 2, noise=1e-4)
+    path.write_text(path.read_text().replace("samples: 2400", "samples: 300"))
+    warnings = [*dynid.run(path)["modal/warnings"].data]
+    ends = "not decayed at the end: record 1, record 2; record longer, or state 'exponential'"
+    assert warnings[0] == ends
+    assert warnings[1].startswith("lack of fit")
 
 
 def test_set_ups_with_a_common_reference_are_joined(tmp_path):
@@ -294,7 +303,8 @@ def test_free_decays_after_impulses_of_stated_size(tmp_path):
     check_modes(result)
     error = result["modal/damping_standard_error"].data
     assert np.all(np.abs(result["modal/damping"].data - decay / omega) < 4.5 * error + 1e-6)
-    assert "modal/warnings" not in result
+    (warning,) = result["modal/warnings"].data
+    assert warning.startswith("one reference")
     exact = (shapes[[0, 2]] / np.sqrt(2j * damped)).T
     assert np.allclose(
         result["modal/shape"].data ** 2, exact**2, rtol=0.03, atol=1e-3 * np.abs(exact).max() ** 2

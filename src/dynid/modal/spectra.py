@@ -62,6 +62,7 @@ class Spectra(NamedTuple):
     variance: dict[tuple[str, str], Array | None]  # None where a single record shows no scatter
     resolution: float  # distance of the lines of random records, Hz; 0 of impacts, which do not leak
     notes: list[str]
+    cut_off: tuple[str, ...] = ()  # records that end before their decay, which matters where a fit lacks
 
 
 def is_impact(force: Array) -> bool:
@@ -169,12 +170,13 @@ def _of_impacts(records: Sequence[TimeRecord], exponential: float | None) -> Spe
     good = _from_the_pulse(good) if good else good
     n, step = len((good or records)[0].force), records[0].step
     window = np.ones(n) if exponential is None else np.exp(-np.arange(n) * step / exponential)
-    remedy = "state 'exponential'" if exponential is None else "shorten 'exponential'"
-    for record in good:
-        if not np.any(record.force[1:]):  # the transform of a truncated decay after an impulse is exact
-            continue
-        if channel := _not_decayed(record, window, _NOT_DECAYED[exponential is not None]):
-            notes.append(f"{record.name} has not decayed at its end (channel {channel}): {remedy}")
+    cut_off = [
+        record.name
+        for record in good
+        # The transform of a truncated decay after an impulse is exact.
+        if np.any(record.force[1:])
+        and _has_not_decayed(record, window, _NOT_DECAYED[exponential is not None])
+    ]
     if not good:
         raise UsageError(
             f"no impact is without a defect: {'; '.join(notes)}",
@@ -201,16 +203,13 @@ def _of_impacts(records: Sequence[TimeRecord], exponential: float | None) -> Spe
             scatter = np.sum(np.abs(Y - H * U) ** 2, axis=0) / (len(at) - 1)
             variance, degrees = (scatter / power)[:, None], 2.0 * (len(at) - 1)
             variances[pair] = smoothed_variance(variance, H[:, None], degrees, 1 / power[:, None])[:, 0]
-    return Spectra(omega, values, variances, 0.0, notes)
+    return Spectra(omega, values, variances, 0.0, notes, tuple(cut_off))
 
 
-def _not_decayed(record: TimeRecord, window: Array, least: float) -> str:
-    """Return the first channel whose windowed end is above a part of its largest part; empty of none."""
-    for name, signal in zip(record.channels, record.values.T, strict=True):
-        sizes = [part.std() for part in np.array_split(signal * window, _PARTS)]
-        if sizes[-1] > least * max(sizes):
-            return name
-    return ""
+def _has_not_decayed(record: TimeRecord, window: Array, least: float) -> bool:
+    """Return True if the windowed end of a channel is above a part of its largest part."""
+    sizes = np.array([part.std(axis=0) for part in np.array_split(record.values * window[:, None], _PARTS)])
+    return bool(np.any(sizes[-1] > least * sizes.max(axis=0)))
 
 
 def _of_random(records: Sequence[TimeRecord], exponential: float | None, segment: float | None) -> Spectra:

@@ -67,7 +67,7 @@ def add_modes(
     result.annotate(GROUP, noise="estimated" if frf.estimated else "stated")
     if analysis.model.own:
         result.annotate(GROUP, reciprocal=True)
-    doubts = [*warnings, *_doubts(analysis)]
+    doubts = [*warnings, *doubts_of(analysis)]
     if doubts:
         result.add(f"{GROUP}/warnings", doubts, ("warning",))
 
@@ -78,13 +78,17 @@ def _misfit(analysis: ModalAnalysis) -> str:
     return f"residuals of neighbouring lines are alike (von Neumann's ratio {analysis.whiteness:.3g}, not 1)"
 
 
-def _doubts(analysis: ModalAnalysis) -> list[str]:
+def doubts_of(analysis: ModalAnalysis) -> list[str]:
     """Return what users must know of the modes."""
     doubts, modes = list[str](), analysis.modes
     if analysis.bar_scale > 1:
         doubts.append(
             f"lack of fit: {_misfit(analysis)}, and standard errors are {analysis.bar_scale:.3g} times those "
             "of the noise; close modes need more references"
+        )
+    if analysis.model.references == 1:
+        doubts.append(
+            "one reference: modes that it hardly moves, or closer than their bandwidth, may be missing"
         )
     if np.isfinite(analysis.reciprocity) and not analysis.model.own:
         doubts.append(

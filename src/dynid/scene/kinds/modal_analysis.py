@@ -37,6 +37,7 @@ class _ModalTest(NamedTuple):
     resolution: float = 0.0  # distance of the lines of random records, Hz
     duration: float = np.inf  # of decays after impacts, s
     notes: tuple[str, ...] = ()
+    cut_off: tuple[str, ...] = ()  # records that end before their decay
 
     @property
     def driving_points(self) -> list[tuple[int, int]]:
@@ -71,7 +72,11 @@ def run(scene: Scene[ModalAnalysisScene], sample: Result | None = None) -> Resul
         duration=test.duration,
     )
     result = sample if sample is not None else Result("modal-analysis", scene.title)
-    add_modes(result, analysis, test.channels, test.references, test.powers, test.notes)
+    notes = [*test.notes]
+    if test.cut_off and analysis.bar_scale > 1:  # else the decays are short beside their noise
+        end = "state 'exponential'" if scene.model.exponential is None else "shorten 'exponential'"
+        notes.append(f"not decayed at the end: {shortened(test.cut_off)}; record longer, or {end}")
+    add_modes(result, analysis, test.channels, test.references, test.powers, notes)
     return result
 
 
@@ -159,7 +164,9 @@ def _test_of_records(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
     measured = FrfMeasurement(spectra.omega[used], channels, values, None, deviation, notes=notes)
     step = float(np.median(np.diff(spectra.omega)))
     return _matrix_of(scene, measured)._replace(
-        resolution=spectra.resolution, duration=np.inf if spectra.resolution else 2 * np.pi / step
+        resolution=spectra.resolution,
+        duration=np.inf if spectra.resolution else 2 * np.pi / step,
+        cut_off=spectra.cut_off,
     )
 
 
