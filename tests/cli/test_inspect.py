@@ -183,7 +183,11 @@ def test_meshes_and_nodes(inspected, tmp_path):
 
 
 def test_what_is_no_data_file_is_refused(dynid, tmp_path):
-    (tmp_path / "a.json").write_text('{"a": [1, 2]}')
+    (tmp_path / "b.json").write_text('{"a": [1, 2]}')
+    code, _, err = dynid("inspect", tmp_path / "b.json")
+    assert code == 4
+    assert "is a JSON text, from which no records are read. In Python: pandas.read_json(" in err
+    (tmp_path / "a.json").write_text("a: b")
     code, _, err = dynid("inspect", tmp_path / "a.json")
     assert code == 4
     assert "ends in .json, as no format does, and is no text table. Formats end in .mtx" in err
@@ -218,7 +222,7 @@ def test_every_file_of_other_programs_is_listed_or_refused_with_its_formats(dyni
         code, out, err = dynid("inspect", path)
         if path.suffix in (".json", ".md"):
             assert (code, out) == (4, ""), path
-            assert "as no format does" in err
+            assert "as no format does" in err or "is a JSON text" in err
         else:
             assert (code, err) == (0, ""), path
             assert len(out.splitlines()) > 3

@@ -223,7 +223,7 @@ def test_meshes_without_known_solids_are_refused(tmp_path, cells, said):
         (
             "what.unv",
             "    -1\n  2411\n",
-            r"is no file of meshes that is read\. Those end in \.bdf, ",
+            r"is a Universal File, from which no meshes are read\. Meshes are read from gmsh, Abaqus, ",
         ),
         ("nan.msh", MSH2.replace("8 0 1 0", "8 0 nan 0"), "a node without a finite position"),
     ],

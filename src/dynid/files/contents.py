@@ -14,7 +14,7 @@ import numpy as np
 
 from dynid.errors import DynidError, FileError
 from dynid.file_access import check_readable
-from dynid.files.formats import FORMATS, TEXT_TABLE, FileFormat
+from dynid.files.formats import FORMATS, TEXT_TABLE, FileFormat, named_by_content
 from dynid.files.frequency_responses import ResponseLayout
 from dynid.files.read_matrix import USUAL, named_as
 from dynid.files.recordings import Recording
@@ -91,14 +91,15 @@ def contents_of(path: Path) -> _FileContents:
         if entries and form.recognised is not None:
             break  # the first format that recognises a file reads it
     if not entries:
-        if formats and faults:
-            raise FileError("; ".join(dict.fromkeys(faults)))
         ending = f"ends in {suffix}" if suffix else "has no ending"
         what = (
             "holds nothing that is read" if formats else f"{ending}, as no format does, and is no text table"
         )
         remedy = "" if formats else f"Formats end in {', '.join(_endings())}."
-        raise FileError(f"{path} {what}", remedy=remedy)
+        error = FileError(f"{path} {what}", remedy=remedy)
+        if formats and faults:
+            error = FileError("; ".join(dict.fromkeys(faults)))
+        raise named_by_content(path, ["columns"], error, [form.name for form in formats])
     return _FileContents(" or ".join(dict.fromkeys(names)), entries, scene, [*dict.fromkeys(faults)])
 
 

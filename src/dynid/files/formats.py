@@ -7,10 +7,10 @@ columns, or Nastran bulk data where nodes are read.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 from dynid.errors import FileError
 from dynid.file_access import check_readable, supplied
@@ -38,6 +38,7 @@ from dynid.files.frequency_responses import MeasuredResponses, ResponseLayout
 from dynid.files.matrix_data import Container, ImportedMatrix
 from dynid.files.mesh_data import MeshData
 from dynid.files.modal_tables import ModalTable
+from dynid.files.signatures import Use, signature_of
 from dynid.files.table import ColumnRequest, DataFile, DataTable
 from dynid.files.untrusted import read_errors
 from dynid.structure.dof_order import NodeFile
@@ -68,6 +69,34 @@ class FileFormat:
     modes: Callable[[DataFile, Mapping[str, str]], ModalTable] | None = None
     #: Function that recognises the first bytes of a file; default: the ending suffices.
     recognised: Callable[[bytes], bool] | None = None
+
+    def naming_contents(self) -> FileFormat:
+        """Return the format with readers whose errors say what a file of another format is."""
+        readers = {content: getattr(self, content) for content in get_args(Content)}
+        return replace(
+            self,
+            **{
+                content: Container(*(self._naming(content, part) for part in reader))
+                if isinstance(reader, Container)
+                else self._naming(content, reader)
+                for content, reader in readers.items()
+                if reader is not None
+            },
+        )
+
+    def _naming(self, content: Content, reader: Callable[..., Any]) -> Callable[..., Any]:
+        alike: list[Content] = ["matrix", "matrices"] if content in ("matrix", "matrices") else [content]
+
+        def read(file: Any, *arguments: Any) -> Any:
+            try:
+                return reader(file, *arguments)
+            except FileError as error:
+                renamed = named_by_content(getattr(file, "path", file), alike, error, [self.name])
+                if renamed is error:
+                    raise
+                raise renamed from None
+
+        return read
 
 
 def _later(reference: str, *first: Any) -> Callable[..., Any]:
@@ -199,13 +228,15 @@ _ARRAYS = _recorder(
     responses=frequency_responses.from_arrays,
 )
 
-_PLURAL = {"matrix": "matrices", "mesh": "meshes"}
+_USES: dict[Content, Use] = {"matrix": "matrices", "matrices": "matrices", "nodes": "mesh", "mesh": "mesh"}
+_PLURAL = {"matrix": "matrices", "mesh": "meshes", "record": "records"}
 
 
 def format_of(path: Path, *contents: Content, names: Sequence[str] = ()) -> FileFormat:
     """Return the format of a file from which one of some contents is read.
 
-    `names` are the keys of the scene that name the file, for errors.
+    `names` are the keys of the scene that name the file, for errors. Its readers say what a file is that they
+    refuse, where its content shows that it is of another format.
     """
     if supplied(path) is not None and any(getattr(_ARRAYS, content) for content in contents):
         return _ARRAYS
@@ -214,15 +245,33 @@ def format_of(path: Path, *contents: Content, names: Sequence[str] = ()) -> File
     if not formats and TEXT_TABLE in holding:
         formats = [TEXT_TABLE]
     if not formats:
-        raise FileError(
+        error = FileError(
             f"{path} is no file of {_PLURAL.get(contents[0], contents[0])} that is read",
             remedy=f"Those end in {', '.join(endings_of(*contents))}.",
             names=names,
         )
+        raise named_by_content(path, contents, error)
     check_readable(path, names)
     with read_errors(path, formats[-1].name), path.open("rb") as stream:
         start = stream.read(1024)
-    return next(form for form in formats if form.recognised is None or form.recognised(start))
+    form = next(form for form in formats if form.recognised is None or form.recognised(start))
+    return form.naming_contents()
+
+
+def named_by_content(
+    path: Path, contents: Sequence[Content], error: FileError, formats: Sequence[str] = ()
+) -> FileError:
+    """Return the error of a refused file, which says what the file is if it is of none of some formats."""
+    signature = signature_of(path)
+    if signature is None or {*formats} & {*signature.formats}:
+        return error
+    readable = [form for form in _holding(contents) if form.name in signature.formats]
+    use = _USES.get(contents[0], "record")
+    problem, remedy = f"{path} is {signature.what}", f"Name it {path.stem}{signature.ending}."
+    if path.suffix == signature.ending or not any(signature.ending in form.extensions for form in readable):
+        problem += f", from which no {_PLURAL.get(use, use)} are read"
+        remedy = signature.remedy(use, path)
+    return FileError(problem, remedy=remedy, names=error.names)
 
 
 def reader_of(path: Path, content: Content, names: Sequence[str] = ()) -> Any:

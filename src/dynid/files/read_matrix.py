@@ -18,6 +18,7 @@ from dynid.files.matrix_data import (
     ImportedMatrix,
     check_real_numbers,
 )
+from dynid.files.signatures import signature_of
 from dynid.files.untrusted import check_size
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix, is_sparse
@@ -112,7 +113,9 @@ def read_labels(path: Path) -> list[Label]:
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise FileError(f"{path} cannot be read: it is no text in UTF-8") from None
+        signature = signature_of(path)
+        what = signature.what if signature else "no text in UTF-8"
+        raise FileError(f"{path} is {what}", remedy="Labels are a text in UTF-8, one a line.") from None
     words = [line.strip() for line in lines if line.strip()]
     return [int(word) if word.isdecimal() else word for word in words]
 
