@@ -138,11 +138,14 @@ class SampledLoopsWithDelays(SampledLoops):
         """Return the margins of a loop, the others closed."""
         return self._judged(number, grid_margins(lambda omega: self.gain(number, omega), *self._grid(number)))
 
+    def late_gain(
+        self, number: int, computations: Sequence[Fraction]
+    ) -> Callable[[ComplexArray], ComplexArray]:
+        """Return L of a loop, the others closed, by z, with these computation times."""
+        function = self._at(computations)
+        return lambda z: function.loop(number, z)
+
     def crossings(self, number: int, computations: Sequence[Fraction]) -> list[tuple[float, float]]:
         """Return the phase lags, degrees, that turn L to -1 where |L| = 1, with ω, rad/s."""
-        function = self._at(computations)
-
-        def gain(omega: Array) -> ComplexArray:
-            return function.loop(number, np.exp(1j * float(self.period) * omega))
-
-        return lags(gain, self._grid(number)[0])
+        gain = self.late_gain(number, computations)
+        return lags(lambda omega: gain(np.exp(1j * float(self.period) * omega)), self._grid(number)[0])

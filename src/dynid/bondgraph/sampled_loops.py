@@ -9,12 +9,13 @@ lines, see `sampled_delays.py`.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache, cached_property
-from itertools import count, takewhile
+from itertools import accumulate, count, pairwise, takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +33,7 @@ from dynid.defaults import ANSWERS_UNDER_WAY
 from dynid.errors import UsageError
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots, repeated
 from dynid.lti.discrete_controller import DiscreteController, as_fmpq, discrete_controller
-from dynid.lti.margins import Margins, gain_crossings, margins
+from dynid.lti.margins import Margins, changes, gain_crossings, lag
 from dynid.lti.minimal_realisation import ExactSystem, minimal
 from dynid.lti.quasi_polynomials import QuasiPolynomial, on_axis
 from dynid.lti.sampled_equations import DOUBLE_BITS, SampledEquations
@@ -41,8 +42,8 @@ from dynid.lti.schur_cohn import roots_inside
 from dynid.lti.stability import Verdict, combined
 from dynid.number_format import counted
 
-#: Bits of the first trial of a verdict and of the last one, and their ratio from one to the next.
-_FIRST_BITS, _LAST_BITS, _BITS_RATIO = 64, 1024, 4
+#: Bits of the two trials of a verdict: few of random loops, a margin of gain of 1e-25, take the second one.
+_TRIED_BITS = (96, 1024)
 #: Bits that the coefficients of an open loop are rounded to, more of each degree, as the roots of
 #: polynomials lose some; of those from which crossings alone are taken; and how many times as many they are
 #: computed with, as they are differences of determinants.
@@ -52,10 +53,15 @@ _KEPT_BITS, _KEPT_BY_DEGREE, _CROSSING_BITS, _CANCELLED = 128, 4, 80, 3
 _TRIAL_RATIO, _TRIED_SPAN, _TRIED_RESTS = 1.125, 1e3, 4
 #: Relative change at which a limit is accepted, and secants after which it is as it is.
 _LIMIT_RTOL, _MOST_SECANTS = 1e-12, 100
+#: First ratio of frequencies in such a search, and the part of a period to which exact crossings confirm a
+#: delay margin that was computed from the crossing next to another.
+_FIRST_STEP, _CONFIRMED_RTOL = 1 + 1e-4, 1e-11
 #: Distance from the unit circle, in double precision, below which only the recursion decides.
 _CIRCLE = 1e-12
 #: A gain without structure: no mode that a loop moves stays where it is.
 _GENERIC_GAIN = Fraction(104729, 7919)
+#: Why a verdict is marginal.
+_AT_REST = "a discrete pole lies at z = 1: a controller integrates what settles at 0 by itself"
 #: Relative distance of e^(λT) of two natural modes below which sampling nearly confuses them.
 _CONFUSED = 1e-3
 
@@ -136,15 +142,16 @@ class SampledLoops:
         return minimal(ExactSystem(exact.A.tolist(), exact.B.tolist(), [states[row] for row in rows], direct))
 
     def controllers(self, period: Fraction) -> list[DiscreteController]:
-        """Return the controllers, made discrete for a period, s, in balls of the working precision."""
+        """Return the controllers, made discrete for a period, s, exactly or in balls (`method: zoh`)."""
         from flint import ctx
 
-        if (period, ctx.prec) not in self._discrete:
-            self._discrete[period, ctx.prec] = [
+        bits = ctx.prec if any(timing.method == "zoh" for timing in self._timing) else 0
+        if (period, bits) not in self._discrete:
+            self._discrete[period, bits] = [
                 discrete_controller(*quotient, timing.method, period, loop.place)
                 for quotient, timing, loop in zip(self._quotients, self._timing, self.loops, strict=True)
             ]
-        return self._discrete[period, ctx.prec]
+        return self._discrete[period, bits]
 
     def float_controllers(self) -> tuple[SampledController, ...]:
         """Return the controllers in doubles."""
@@ -183,31 +190,51 @@ class SampledLoops:
     @cached_property
     def _shown(self) -> Verdict:
         """The verdict on what the loops move, by Schur-Cohn in balls of as many bits as it takes."""
-        outside = self.poles_outside(self.period, self.computations)
-        if outside is None:
-            nearest = min(self.poles, key=lambda pole: abs(abs(pole.value) - 1))
-            if abs(abs(nearest.value) - 1) < _CIRCLE:
-                place = f"{complex(nearest.value):.6g}".replace("+0j", "").replace("-0j", "")
-                reason = f"a discrete pole lies on the unit circle at z = {place} within 2^-{_LAST_BITS}"
-                return Verdict("at the limit", reason, math.nan)
-            outside = int((np.abs(repeated(self.poles)) > 1).sum())  # of reciprocal poles the recursion ends
-        if not outside:
-            return Verdict("stable", "", 0)
-        return outside_verdict(outside, self._radius(self.period, self.computations))
+        for bits in _TRIED_BITS:
+            (matrix,) = self._equations.matrices(
+                self.period, self.computations, [range(len(self.loops))], bits
+            )
+            outside, marginal = self._outside(matrix, bits)
+            if outside:
+                return outside_verdict(outside, _radius(matrix))
+            if outside == 0:
+                return Verdict("marginal", _AT_REST, 0) if marginal else Verdict("stable", "", 0)
+        nearest = min(self.poles, key=lambda pole: abs(abs(pole.value) - 1))
+        if abs(abs(nearest.value) - 1) < _CIRCLE:
+            place = f"{complex(nearest.value):.6g}".replace("+0j", "").replace("-0j", "")
+            reason = f"a discrete pole lies on the unit circle at z = {place} within 2^-{_TRIED_BITS[-1]}"
+            return Verdict("at the limit", reason, math.nan)
+        outside = int((np.abs(repeated(self.poles)) > 1).sum())  # of reciprocal poles the recursion ends
+        return outside_verdict(outside, _radius(matrix)) if outside else Verdict("stable", "", 0)
 
-    def poles_outside(self, period: Fraction, computations: Sequence[Fraction]) -> int | None:
-        """Return the number of discrete poles outside the unit circle; None where it is not decided."""
+    def _outside(self, matrix: Any, bits: int) -> tuple[int | None, bool]:
+        """Return the number of discrete poles outside the unit circle, None where it is not decided.
+
+        The second value is true where one lies at z = 1, exactly.
+        """
         from flint import ctx
 
-        bits = _FIRST_BITS
-        while bits <= _LAST_BITS:
-            with ctx.workprec(bits):
-                matrix = self._equations.matrix(period, computations, range(len(self.loops)), bits)
-                inside = roots_inside(matrix.charpoly().coeffs())
-            if inside is not None:
-                return int(matrix.nrows()) - inside
-            bits *= _BITS_RATIO
-        return None
+        with ctx.workprec(bits):
+            coefficients = matrix.charpoly().coeffs()
+            if marginal := sum(coefficients).contains(0) and self._integrates:
+                coefficients = [*accumulate(reversed(coefficients[1:]))][::-1]  # over z - 1
+            inside = roots_inside(coefficients)
+        return None if inside is None else len(coefficients) - 1 - inside, marginal
+
+    @cached_property
+    def _integrates(self) -> bool:
+        """True if z = 1 is a discrete pole, at all sample times: at rest A x + B u = 0 something is held."""
+        from flint import fmpq_mat
+
+        A, B, C, D = self.plant
+        rows = [[*states, *held] for states, held in zip(A, B, strict=True)]
+        for j, ((above, below), timing) in enumerate(zip(self._quotients, self._timing, strict=True)):
+            top, bottom = (
+                as_fmpq(sum(part) if timing.method == "z" else part[-1]) for part in (above, below)
+            )
+            answer = [top * gain + (bottom if i == j else 0) for i, gain in enumerate(D[j])]
+            rows.append([*(top * entry for entry in C[j]), *answer])
+        return bool(fmpq_mat(rows).det() == 0)
 
     @cached_property
     def poles(self) -> Sequence[CertifiedRoot]:
@@ -221,14 +248,6 @@ class SampledLoops:
         """The discrete poles that are listed, with their multiplicities."""
         return repeated(self.poles)
 
-    def _radius(self, period: Fraction, computations: Sequence[Fraction]) -> float:
-        """Return the largest |z| of the discrete poles in double precision; inf where it overflows."""
-        matrix = self._equations.matrix(period, computations, range(len(self.loops)), DOUBLE_BITS)
-        entries = np.array([[float(entry) for entry in row] for row in matrix.tolist()])
-        if not np.isfinite(entries).all():
-            return math.inf
-        return float(np.abs(np.linalg.eigvals(entries)).max(initial=0.0))
-
     @cached_property
     def largest_sample_time(self) -> float:
         """The sample time at which the loops lose stability, controllers made discrete for each, s.
@@ -237,17 +256,21 @@ class SampledLoops:
         the last one below, NaN where none down to 1/1,000 of it, or 1/100 of a computation, is, or at the
         limit.
         """
-        if self._shown.kind == "at the limit":
+        if self._shown.kind == "at the limit" or self._integrates:
             return math.nan
-        start = self._radius(self.period, self.computations) - 1
+
+        def excess(period: float) -> float:
+            (matrix,) = self._equations.matrices(
+                Fraction(period), self.computations, [range(len(self.loops))], DOUBLE_BITS
+            )
+            return _radius(matrix) - 1
+
+        start = excess(float(self.period))
         ratio = _TRIAL_RATIO if start < 0 else 1 / _TRIAL_RATIO
         span = math.ceil(math.log(_TRIED_SPAN) / math.log(_TRIAL_RATIO))
         trials = (float(self.period) * ratio**k for k in range(span + 1))
         shortest = float(max(self.computations)) / ANSWERS_UNDER_WAY.value
-        limit = _first_change(
-            lambda period: self._radius(Fraction(period), self.computations) - 1,
-            takewhile(lambda period: period >= shortest, trials),
-        )
+        limit = _first_change(excess, takewhile(lambda period: period >= shortest, trials))
         return limit if limit < math.inf or start < 0 else math.nan
 
     # Margins
@@ -260,10 +283,9 @@ class SampledLoops:
 
         every, bits = range(len(self.loops)), _CANCELLED * self._kept(kept)
         with ctx.workprec(bits):
-            closed, cut = (
-                list(self._equations.matrix(self.period, computations, loops, bits).charpoly().coeffs())
-                for loops in (every, [loop for loop in every if loop != number])
-            )
+            sets = [every, [loop for loop in every if loop != number]]
+            matrices = self._equations.matrices(self.period, computations, sets, bits)
+            closed, cut = (matrix.charpoly().coeffs() for matrix in matrices)
         return closed, cut
 
     def _kept(self, kept: int | None) -> int:
@@ -304,7 +326,7 @@ class SampledLoops:
 
     def margins(self, number: int) -> Margins:
         """Return the margins of a loop, the others closed."""
-        plain, at = margins(*self.loop(number)), self.frequency
+        plain, at = changes(*self.loop(number)), self.frequency
         return self._judged(
             number,
             replace(
@@ -335,6 +357,12 @@ class SampledLoops:
         lags = gain_crossings(*self._loop(number, computations, _CROSSING_BITS))
         return [(lag, self.frequency(at)) for lag, at in lags]
 
+    def late_gain(
+        self, number: int, computations: Sequence[Fraction]
+    ) -> Callable[[ComplexArray], ComplexArray]:
+        """Return L of a loop, the others closed, by z, with these computation times, in double precision."""
+        return self._equations.loop(number, self.period, computations)
+
     def _delay_margin(self, number: int) -> float:
         """Return the further computation time of a loop that makes it unstable, s.
 
@@ -343,25 +371,43 @@ class SampledLoops:
         """
         period = float(self.period)
 
-        @cache
-        def slack(rest: float) -> float:
-            delays = list(self.computations)
-            delays[number] += Fraction(rest)
-            lags = self.crossings(number, delays)
-            return min((math.radians(lag) / at for lag, at in lags), default=math.inf)
+        def delays(rest: float) -> list[Fraction]:
+            added = Fraction(rest)
+            return [delay + added * (loop == number) for loop, delay in enumerate(self.computations)]
 
-        prompt = slack(0.0)
+        @cache
+        def slack(rest: float) -> tuple[float, float]:
+            lags = self.crossings(number, delays(rest))
+            return min(((math.radians(lag) / at, at) for lag, at in lags), default=(math.inf, math.inf))
+
+        rests = [part * period / _TRIED_RESTS for part in range(_TRIED_RESTS + 1)]
+        prompt, _ = slack(0.0)
         if prompt == math.inf:
-            rests = (part * period / _TRIED_RESTS for part in range(1, _TRIED_RESTS))
-            return math.inf if all(slack(rest) == math.inf for rest in rests) else math.nan
+            return math.inf if all(slack(rest)[0] == math.inf for rest in rests[:-1]) else math.nan
         periods = math.floor(prompt / period)
 
-        def excess(rest: float) -> float:
-            value = slack(rest) - periods * period
+        def excess(rest: float, late: float | None = None) -> float:
+            value = (slack(rest)[0] if late is None else late) - periods * period
             return value if value < 2 * period else -rest  # a lag of 0 became one of 360 degrees
 
-        rests = (part * period / _TRIED_RESTS for part in range(_TRIED_RESTS + 1))
-        return periods * period + _first_change(excess, rests)
+        ends = next((ends for ends in pairwise(rests) if excess(ends[1]) <= 0), None)
+        if ends is None:
+            return math.inf
+        start = slack(ends[0])[1]
+
+        def near(rest: float) -> float:
+            """Return the excess at the crossing next to that of the begin."""
+            gain = self.late_gain(number, delays(rest))
+            omega = _secant(
+                lambda at: math.log(abs(gain(np.exp([1j * at * period]))[0])), start, start * _FIRST_STEP
+            )
+            return excess(rest, math.radians(lag(gain(np.exp([1j * omega * period]))[0])) / omega)
+
+        with contextlib.suppress(np.linalg.LinAlgError, ValueError):
+            limit = _first_change(near, ends)
+            if abs(excess(limit)) <= _CONFIRMED_RTOL * period:
+                return periods * period + limit
+        return periods * period + _first_change(excess, ends)
 
     def confused_modes(self) -> list[tuple[complex, complex]]:
         """Return pairs of natural modes of the graph that are nearly one for the samples.
@@ -384,6 +430,25 @@ def outside_verdict(outside: int, largest: float) -> Verdict:
     verb = f"{counted(outside, 'discrete pole')} {'lies' if outside == 1 else 'lie'}"
     reason = f"{verb} outside the unit circle, the largest with |z| = {largest:.6g}"
     return Verdict("unstable", reason, outside)
+
+
+def _radius(matrix: Any) -> float:
+    """Return the largest |z| of the eigenvalues in double precision; inf where it overflows."""
+    entries = np.array([[float(entry) for entry in row] for row in matrix.tolist()])
+    return (
+        float(np.abs(np.linalg.eigvals(entries)).max(initial=0.0)) if np.isfinite(entries).all() else math.inf
+    )
+
+
+def _secant(function: Callable[[float], float], low: float, high: float) -> float:
+    """Return the zero of a function that secants lead to."""
+    below, above = function(low), function(high)
+    for _ in range(_MOST_SECANTS):
+        if above == below or abs(high - low) <= _LIMIT_RTOL * abs(high):
+            break
+        low, high = high, high - above * (high - low) / (above - below)
+        below, above = above, function(high)
+    return high
 
 
 def _first_change(function: Callable[[float], float], trials: Iterable[float]) -> float:
@@ -434,15 +499,20 @@ def _rational(graph: BondGraph) -> BondGraph:
 
 def _bilinear(polynomial: Sequence[Any], half: Fraction) -> list[Any]:
     """Return p(z)(1 - half s)^n of z = (1 + half s)/(1 - half s) as balls, ascending."""
-    from flint import arb, fmpz_poly
+    from flint import arb, arb_mat
 
-    degree, scale = len(polynomial) - 1, as_fmpq(half)
-    sums = [arb(0)] * (degree + 1)
-    for power, coefficient in enumerate(polynomial):
-        weights = fmpz_poly([1, 1]) ** power * fmpz_poly([1, -1]) ** (degree - power)
-        for k in range(degree + 1):
-            sums[k] += coefficient * int(weights[k])
-    return [value * arb(scale**k) for k, value in enumerate(sums)]
+    scale = as_fmpq(half)
+    sums = arb_mat(_bilinear_weights(len(polynomial) - 1)) * arb_mat(len(polynomial), 1, list(polynomial))
+    return [value * arb(scale**k) for k, (value,) in enumerate(sums.tolist())]
+
+
+@cache
+def _bilinear_weights(degree: int) -> Any:
+    """Return the coefficients of (1 + s)^k (1 - s)^(degree - k), one column each (flint `fmpz_mat`)."""
+    from flint import fmpz_mat, fmpz_poly
+
+    columns = [fmpz_poly([1, 1]) ** k * fmpz_poly([1, -1]) ** (degree - k) for k in range(degree + 1)]
+    return fmpz_mat([[column[power] for column in columns] for power in range(degree + 1)])
 
 
 def _integers(polynomials: Sequence[Sequence[Any]], kept: int) -> list[Any]:
@@ -450,18 +520,17 @@ def _integers(polynomials: Sequence[Sequence[Any]], kept: int) -> list[Any]:
 
     A ball around zero is zero: poles at z = 1 (integrators) and z = 0 (answers under way) stay what they are.
     """
-    from flint import fmpq, fmpq_poly
+    from flint import fmpz_poly
 
     rounded = []
     for polynomial in polynomials:
-        exact = []
+        rounded.append([])
         for ball in polynomial:
-            mantissa, exponent = (
-                (int(part) for part in ball.mid().man_exp()) if not ball.contains(0) else (0, 0)
-            )
+            mantissa, exponent = (0, 0) if ball.contains(0) else map(int, ball.mid().man_exp())
             surplus = max(mantissa.bit_length() - kept, 0)
-            mantissa, exponent = mantissa >> surplus, exponent + surplus
-            exact.append(fmpq(mantissa << max(exponent, 0), 1 << max(-exponent, 0)))
-        rounded.append(fmpq_poly(exact))
-    common = math.lcm(*(int(polynomial.denom()) for polynomial in rounded))
-    return [(polynomial * common).numer() for polynomial in rounded]
+            rounded[-1].append((mantissa >> surplus, exponent + surplus))
+    least = min((exponent for part in rounded for mantissa, exponent in part if mantissa), default=0)
+    return [
+        fmpz_poly([mantissa << exponent - least if mantissa else 0 for mantissa, exponent in part])
+        for part in rounded
+    ]

@@ -12,7 +12,7 @@ Rows = list[list[Any]]
 
 
 class DiscreteController(NamedTuple):
-    """ξ[k+1] = F ξ[k] + g y[k], answer h ξ[k] + d y[k], of balls (flint `arb`)."""
+    """ξ[k+1] = F ξ[k] + g y[k], answer h ξ[k] + d y[k], exact (flint `fmpq`) or in balls (`arb`)."""
 
     F: Rows
     g: list[Any]
@@ -67,8 +67,8 @@ def discrete_controller(
     ]  # observer form, F beside g  # fmt: skip
     if method == "zoh":
         rows = (arb_mat([*rows, [zero] * (order + 1)]) * arb(as_fmpq(period))).exp().tolist()[:order]
-    F, g = [[*map(arb, row[:-1])] for row in rows], [arb(row[-1]) for row in rows]
-    return DiscreteController(F, g, [arb(k == 0) for k in range(order)], arb(above[0]))
+    F, g = [row[:-1] for row in rows], [row[-1] for row in rows]
+    return DiscreteController(F, g, [fmpq(k == 0) for k in range(order)], above[0])
 
 
 def as_fmpq(number: Fraction) -> Any:

@@ -22,8 +22,8 @@ from dynid.lti.stability import all_left, stability
 LIMIT = 1e-9
 #: Verdict on a loop with L = 0.
 FEED_FORWARD = "stable: L = 0, nothing is fed back"
-#: Working precision, bits.
-_AXIS_BITS = 256
+#: Working precision, bits, of values on the axis, which cancel, and of frequencies, which become doubles.
+_AXIS_BITS, _FREQUENCY_BITS = 256, 80
 
 
 #: Margins that are defined for a stable loop alone: the changes that make it unstable, and their frequencies.
@@ -74,6 +74,17 @@ def margins(numerator: Any, denominator: Any) -> Margins:
 
     Its polynomials have no common factor; 0/1 is a feed-forward, which limits nothing and moves no pole.
     """
+    roots = certified_roots(numerator + denominator)
+    return replace(
+        changes(numerator, denominator),
+        stable=bool(all_left(roots)),
+        stability=stability(roots) if numerator != 0 else FEED_FORWARD,
+        unstable_poles=sum(root.multiplicity for root in roots if root.side > 0),
+    )
+
+
+def changes(numerator: Any, denominator: Any) -> Margins:
+    """Return the margins of a loop, with the verdict left open."""
     n, d = _on_axis(numerator), _on_axis(denominator)
     size_d = _squared(denominator)
     imaginary = n[1] * d[0] - n[0] * d[1]  # of N conj D, over ω
@@ -97,11 +108,10 @@ def margins(numerator: Any, denominator: Any) -> Margins:
     closed = numerator + denominator
     Ms, Ms_at = _largest(denominator, closed)
     Mt, Mt_at = _largest(numerator, closed)
-    roots = certified_roots(closed)
     return Margins(
-        stable=bool(all_left(roots)),
-        stability=stability(roots) if numerator != 0 else FEED_FORWARD,
-        unstable_poles=sum(root.multiplicity for root in roots if root.side > 0),
+        stable=False,
+        stability="",
+        unstable_poles=math.inf,
         gain=gain,
         gain_reduction=reduction[0],
         phase=phase,
@@ -132,9 +142,10 @@ def _largest(top: Any, bottom: Any) -> tuple[float, float]:
     """Return the largest size of a rational function on s = jω, and its frequency; inf at a pole there."""
     shared = top.gcd(bottom)
     top, bottom = top // shared, bottom // shared
-    above, below = _squared(top), _squared(bottom)
-    if poles := [*([0.0] if below[0] == 0 else []), *_frequencies(below)]:
+    real, imaginary = _on_axis(bottom)
+    if poles := [*([0.0] if real[0] == 0 else []), *_frequencies(real.gcd(imaginary))]:
         return math.inf, poles[0]
+    above, below = _squared(top), _squared(bottom)
     stationary = above.derivative() * below - above * below.derivative()
     sizes = [(abs(_ratio(top, bottom, omega)), omega) for omega in [0.0, *_frequencies(stationary)]]
     high = math.inf if top.degree() > bottom.degree() else float(abs(_limit(top, bottom)))
@@ -201,7 +212,7 @@ def _frequencies(polynomial: Any, *, crossings: bool = False) -> list[float]:
 
     if polynomial == 0:
         return []
-    with ctx.workprec(_AXIS_BITS):
+    with ctx.workprec(_FREQUENCY_BITS):
         roots = [
             float(root.real.sqrt())
             for root, count in polynomial.complex_roots()

@@ -8,13 +8,14 @@ of the controllers, the closed loops are a matrix M of matrix exponentials: ball
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from fractions import Fraction
-from typing import Any
+from itertools import accumulate
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynid.arrays import Array
+from dynid.arrays import Array, ComplexArray
 from dynid.lti.discrete_controller import DiscreteController, Rows, as_fmpq
 from dynid.lti.minimal_realisation import ExactSystem
 
@@ -22,6 +23,20 @@ from dynid.lti.minimal_realisation import ExactSystem
 DOUBLE_BITS = 64
 #: Exponentials that are kept: those of the margins of a loop, and of some trials.
 _KEPT_EXPONENTIALS = 16
+
+
+class _Period(NamedTuple):
+    """What is at the next sample: ``M = base + entering answers`` of the loops that are closed.
+
+    `answers` are those of the controllers to the states; to what is added to what they measure they answer
+    ``-direct``, and their states gain `measuring`.
+    """
+
+    base: Any  # arb_mat
+    entering: Any  # arb_mat
+    answers: Rows
+    direct: list[Any]
+    measuring: Rows
 
 
 class SampledEquations:
@@ -35,101 +50,107 @@ class SampledEquations:
     ) -> None:
         self.plant, self._controllers = plant, controllers
         self._converted = dict[tuple[int, int], Rows]()  # matrices of the plant in balls
-        self._exponentials = dict[tuple[Fraction, int], tuple[Any, Any]]()
+        self._exponentials = dict[tuple[Fraction, int], Rows]()
 
-    def matrix(
-        self, period: Fraction, computations: Sequence[Fraction], closed: Collection[int], bits: int
-    ) -> Any:
-        """Return the matrix of the states from one sample to the next (flint `arb_mat`)."""
-        from flint import arb_mat, ctx
+    def matrices(
+        self,
+        period: Fraction,
+        computations: Sequence[Fraction],
+        sets: Sequence[Collection[int]],
+        bits: int,
+    ) -> list[Any]:
+        """Return the matrix of the states from one sample to the next (flint `arb_mat`), by loops closed."""
+        from flint import ctx
 
         with ctx.workprec(bits):
-            rows, size = self._rows(period, computations, closed, bits)
-            return arb_mat([row[:size] for row in rows[:size]])
+            over = self._period(period, computations, bits)
+            size = over.base.ncols()
+            return [
+                over.base
+                + over.entering
+                * _matrix([row if j in closed else [0] * size for j, row in enumerate(over.answers)], size)
+                for closed in sets
+            ]
 
     def answers(self, period: Fraction, computations: Sequence[Fraction]) -> tuple[Array, ...]:
         """Return M, B, C and D of what the closed loops answer to sequences added to measurements."""
-        rows, n = self._rows(period, computations, range(len(computations)), DOUBLE_BITS)
-        values = np.array([[float(entry) for entry in row] for row in rows])
-        return values[:n, :n], values[:n, n:], values[n:, :n], values[n:, n:]
+        base, entering, C, measuring, D = self._rounded(period, computations)
+        return base + entering @ C, measuring + entering @ D, C, D
 
-    def _rows(
-        self, period: Fraction, computations: Sequence[Fraction], closed: Collection[int], bits: int
-    ) -> tuple[Rows, int]:
-        """Return rows of the next states and of the answers, over states and what is added to measurements.
+    def loop(
+        self, number: int, period: Fraction, computations: Sequence[Fraction]
+    ) -> Callable[[ComplexArray], ComplexArray]:
+        """Return L of a loop, the others closed, by z, in double precision."""
+        base, entering, answers, *_ = self._rounded(period, computations)
+        b, c = entering[:, number, None], answers[number]
+        M = base + entering @ answers - np.outer(b, c)
 
-        The second value is the number of states.
-        """
-        from flint import arb, ctx
+        def evaluate(z: ComplexArray) -> ComplexArray:
+            return np.asarray(-(c @ np.linalg.solve(z[:, None, None] * np.eye(len(M)) - M, b + 0j))[:, 0])
 
-        with ctx.workprec(bits):
-            controllers = self._controllers(period)
-            steps = [int(delay // period) for delay in computations]
-            rests = [delay - step * period for delay, step in zip(computations, steps, strict=True)]
-            Phi, newest, before = self._held(period, rests, bits)
-            C, D = self._balls(self.plant.C, bits), self._balls(self.plant.D, bits)
-            n, zero, one = len(Phi), arb(0), arb(1)
-            depths = [
-                step + bool(rest or any(row[j] for row in self.plant.D))
-                for j, (step, rest) in enumerate(zip(steps, rests, strict=True))
+        return evaluate
+
+    def _rounded(self, period: Fraction, computations: Sequence[Fraction]) -> tuple[Array, ...]:
+        """Return base, entering, answers and measuring in double precision, and what is answered at once."""
+        from flint import ctx
+
+        with ctx.workprec(DOUBLE_BITS):
+            over = self._period(period, computations, DOUBLE_BITS)
+            size, loops = over.base.ncols(), len(computations)
+            rows = ((over.base.tolist(), size), (over.entering.tolist(), loops))
+            arrays = [
+                np.array([[float(entry) for entry in row] for row in part]).reshape(-1, width or 1)
+                for part, width in (*rows, (over.answers, size), (over.measuring, loops))
             ]
-            first = n + np.concatenate([[0], np.cumsum(depths)])
-            states = first[-1] + np.concatenate([[0], np.cumsum([len(c.h) for c in controllers])])
-            size = int(states[-1])
-            total = size + len(controllers)
-            matrix = [[zero] * total for _ in range(total)]
+        return *arrays, -np.diag([float(gain) for gain in over.direct])
 
-            def add(row: list[Any], addend: Iterable[tuple[int, Any]], factor: Any = one) -> None:
-                for column, value in addend:
-                    row[column] += factor * value
-
-            measured = []
-            for j in range(len(controllers)):
-                late = [(int(first[i]) + steps[i], value) for i, value in enumerate(D[j]) if value != 0]
-                now = [(i, value) for i, value in enumerate(C[j]) if value != 0]
-                measured.append([*now, *late, (size + j, one)])
-            for j, controller in enumerate(controllers):
-                row = matrix[size + j]
-                if j in closed:
-                    add(row, ((int(states[j]) + i, value) for i, value in enumerate(controller.h)), -one)
-                    add(row, measured[j], -controller.d)
-                answer = [(column, value) for column, value in enumerate(row) if value != 0]
-                held = [answer, *([(int(first[j]) + k, one)] for k in range(depths[j]))]
-                for i in range(n):
-                    add(matrix[i], held[steps[j]], newest[i][j])
-                    if rests[j]:
-                        add(matrix[i], held[steps[j] + 1], before[i][j])
-                for k in range(depths[j]):
-                    add(matrix[int(first[j]) + k], held[k])
-                for i, (weights, gain) in enumerate(zip(controller.F, controller.g, strict=True)):
-                    state = matrix[int(states[j]) + i]
-                    add(state, ((int(states[j]) + k, value) for k, value in enumerate(weights)))
-                    add(state, measured[j], gain)
-            for i, weights in enumerate(Phi):
-                add(matrix[i], enumerate(weights))
-            return matrix, size
-
-    def _held(self, period: Fraction, rests: Sequence[Fraction], bits: int) -> tuple[Rows, Rows, Rows]:
-        """Return e^(AT), and what an input held over the end of a period adds, and one held over its begin.
-
-        `rests`: by input how long the one before is held, s.
-        """
-        n, inputs = len(self.plant.A), len(rests)
-        if not n:
-            return [], [], []
-        Phi: Any = None
-        newest, before = [[0] * inputs for _ in range(n)], [[0] * inputs for _ in range(n)]
-        for j, rest in enumerate(rests):
-            Phi, late = self._exponential(period - rest, bits)
-            early = None
-            if rest:
-                earlier, gains = self._exponential(rest, bits)
-                Phi, early = Phi * earlier, Phi * gains
-            for i in range(n):
-                newest[i][j] = late[i, j]
-                if early is not None:
-                    before[i][j] = early[i, j]
-        return Phi.tolist(), newest, before
+    def _period(self, period: Fraction, computations: Sequence[Fraction], bits: int) -> _Period:
+        controllers, inputs = self._controllers(period), range(len(computations))
+        steps = [int(delay // period) for delay in computations]
+        rests = [delay - step * period for delay, step in zip(computations, steps, strict=True)]
+        depths = [
+            step + bool(rest or any(row[j] for row in self.plant.D))
+            for j, (step, rest) in enumerate(zip(steps, rests, strict=True))
+        ]
+        n = len(self.plant.A)
+        sizes = [*depths, *(len(controller.h) for controller in controllers)]
+        *first, size = accumulate(sizes, initial=n)
+        under_way, states = first[: len(depths)], first[len(depths) :]
+        loops = len(inputs)
+        base, entering, measuring = ([[0] * width for _ in range(size)] for width in (size, loops, loops))
+        whole = self._exponential(period, bits)
+        for j in inputs:
+            newest = self._exponential(period - rests[j], bits)
+            for i in range(n):  # the answer over the end of a period, and the one before over its begin
+                row, late = base[i], newest[i][n + j]
+                (row if steps[j] else entering[i])[under_way[j] + steps[j] - 1 if steps[j] else j] = late
+                if rests[j]:
+                    row[under_way[j] + steps[j]] = whole[i][n + j] - late
+            if depths[j]:
+                entering[under_way[j]][j] = 1
+            for k in range(1, depths[j]):
+                base[under_way[j] + k][under_way[j] + k - 1] = 1
+        for i in range(n):
+            base[i][:n] = whole[i][:n]
+        answers = []
+        C, D = self._balls(self.plant.C, bits), self._balls(self.plant.D, bits)
+        for j, (F, g, h, d) in enumerate(controllers):
+            measured = {k: value for k, value in enumerate(C[j]) if value != 0}
+            measured |= {under_way[i] + steps[i]: value for i, value in enumerate(D[j]) if value != 0}
+            answer = [0] * size
+            for k, value in measured.items():
+                answer[k] = -d * value
+            answer[states[j] : states[j] + len(h)] = [-value for value in h]
+            answers.append(answer)
+            for row, weights, gain, measures in zip(
+                base[states[j] :], F, g, measuring[states[j] :], strict=False
+            ):
+                row[states[j] : states[j] + len(h)] = weights
+                measures[j] = gain
+                for k, value in measured.items():
+                    row[k] = gain * value
+        directs = [controller.d for controller in controllers]
+        return _Period(_matrix(base, size), _matrix(entering, loops), answers, directs, measuring)
 
     def _balls(self, rows: Rows, bits: int) -> Rows:
         from flint import arb
@@ -138,19 +159,25 @@ class SampledEquations:
             self._converted[id(rows), bits] = [[arb(entry) for entry in row] for row in rows]
         return self._converted[id(rows), bits]
 
-    def _exponential(self, time: Fraction, bits: int) -> tuple[Any, Any]:
-        """Return e^(At) and its integral times B (flint `arb_mat`)."""
+    def _exponential(self, time: Fraction, bits: int) -> Rows:
+        """Return rows of e^(At) beside its integral times B, in balls."""
         from flint import arb, arb_mat
 
+        if not self.plant.A:
+            return []
         if (time, bits) not in self._exponentials:
-            n, inputs = len(self.plant.A), len(self.plant.D)
+            inputs = len(self.plant.D)
+            n = len(self.plant.A)
             rows = zip(self._balls(self.plant.A, bits), self._balls(self.plant.B, bits), strict=True)
             joint = arb_mat([*([*a, *b] for a, b in rows), *([[0] * (n + inputs)] * inputs)])
-            E = (joint * arb(as_fmpq(time))).exp().tolist()
             if len(self._exponentials) >= _KEPT_EXPONENTIALS:
                 self._exponentials.clear()
-            self._exponentials[time, bits] = (
-                arb_mat([row[:n] for row in E[:n]]),
-                arb_mat([row[n:] for row in E[:n]]),
-            )
+            self._exponentials[time, bits] = (joint * arb(as_fmpq(time))).exp().tolist()[:n]
         return self._exponentials[time, bits]
+
+
+def _matrix(rows: Rows, width: int) -> Any:
+    """Return rows, none perhaps, as a matrix of balls (flint `arb_mat`)."""
+    from flint import arb_mat
+
+    return arb_mat(len(rows), width, [entry for row in rows for entry in row])
