@@ -72,7 +72,7 @@ SIGNATURES = (
     Signature("a Simulink model", rb"PK\x03\x04.*simulink/", (), record="Simulate it, and save the signals: save('{stem}.mat', 't', 'y').",
               matrices="In MATLAB: [A, B, C, D] = linmod('{stem}'); save {stem}.mat A B C D, read by state_space."),
     Signature("a NumPy archive", rb"PK\x03\x04.*\.npy", ("NumPy",), ".npz"),
-    Signature("a zip archive", rb"PK\x03\x04|PK\x05\x06", (), "", "Unpack it: unzip {name}"),
+    Signature("a zip archive", rb"PK\x03\x04.*PK\x05\x06|PK\x05\x06", (), "", "Unpack it: unzip {name}"),
     Signature("a file compressed by gzip", rb"\x1f\x8b", (), "", "Unpack it: gunzip {name}"),
     Signature("a file compressed by bzip2", rb"BZh\d", (), "", "Unpack it: bunzip2 {name}"),
     Signature("a file compressed by xz", rb"\xfd7zXZ\0", (), "", "Unpack it: unxz {name}"),
