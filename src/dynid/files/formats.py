@@ -91,10 +91,8 @@ class FileFormat:
             try:
                 return reader(file, *arguments)
             except FileError as error:
-                renamed = named_by_content(getattr(file, "path", file), alike, error, [self.name])
-                if renamed is error:
-                    raise
-                raise renamed from None
+                path = getattr(file, "path", file)
+                raise named_by_content(path, alike, error, [self.name]) from None
 
         return read
 

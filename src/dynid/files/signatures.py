@@ -133,7 +133,7 @@ SIGNATURES = (
     Signature("a Universal File", rb"\s{0,4}-1[ \t\r]*\n\s*\d+b?\b", ("Universal File", *_MESHIO), ".unv"),
     Signature("a Nastran OUTPUT2 file", rb".{0,40}?NASTRAN FORT TAPE ID CODE", ("Nastran OUTPUT2",), ".op2"),
     Signature("a Nastran OUTPUT4 file", rb"\x18\0\0\0.{24}\x18\0\0\0|\s{0,8}\d{1,8} +-?\d{1,8} +\d+ +\d+[A-Z]", ("Nastran OUTPUT4",), ".op4"),
-    Signature("printed output of Nastran (.f06)", rb".{0,3000}?N ?A ?S ?T ?R ?A ?N ", (), matrices=_FREQUENCIES,
+    Signature("printed output of Nastran (.f06)", rb"[\t\n\f\r -~]{0,3000}?N ?A ?S ?T ?R ?A ?N ", (), matrices=_FREQUENCIES,
               record="Punch the results (DISP(PUNCH) = ALL), and write them as a table."),
     Signature("a punch file of Nastran", rb"\$TITLE|(?:\$[^\n]*\n)*DMIG", ("Nastran bulk data",), ".pch"),
     Signature("Nastran bulk data", rb"(?:\$[^\n]*\n|[ \t\r]*\n)*+(?:SOL\b|CEND\b|BEGIN +BULK|NASTRAN\b|ASSIGN\b|ID +\w|INIT\b|GRID[*, ]|CORD\d|PARAM,|C(?:TETRA|HEXA|PENTA|QUAD4)[ ,*])",
@@ -159,8 +159,7 @@ SIGNATURES = (
               record='Simulate it with CSV: simulate({stem}, outputFormat="csv") in OpenModelica.',
               matrices="Linearise it in OpenModelica: linearize({stem}), and save A, B, C in one .mat."),
     Signature("a Matrix Market file", rb"%%MatrixMarket", ("Matrix Market",), ".mtx"),
-    Signature("a TOML or INI text", rb"(?:[ \t]*[#;][^\n]*\n|[ \t\r]*\n)*+(?:\[[\w. \"-]+\]|[\w.-]+ *= *[^\n]*)[ \t\r]*\n(?:.*\n)?"
-              rb"(?:\[[\w. \"-]+\]|[\w.\"-]+ *= *[^\n]*)\s*\Z"),
+    Signature("a TOML or INI text", rb"(?=(?:.*\n)?\[[\w. \"-]+\][ \t\r]*\n)(?:.*\n)?(?:\[[\w. \"-]+\]|[\w.\"-]+ *= *[^\n]*)\s*\Z"),
     # sorts without a public mark
     Signature("an Abaqus output database", ".odb", (), record="Write a table in Abaqus/CAE: Report, XY.",
               matrices=_ABAQUS, mesh="Take the .inp file of the job."),
