@@ -93,6 +93,11 @@ REPEATED = (
     *((name, "process-each") for name in ("study", "study-of-reductions", "study-of-identifications")),
     ("frf-joints", "whole"),
     ("residuals", "residuals-auto"),
+    ("residuals", "residuals-none"),
+    ("estimators", "auto-numpy"),
+    ("frequency-response-on-loops", "in-order"),
+    ("frequency-response-on-loops", "sparse-nodal"),
+    ("plate-process", "script"),
     ("basis", "below-2-bands"),
 )
 
