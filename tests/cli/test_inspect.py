@@ -170,6 +170,28 @@ def test_what_of_a_universal_file_is_not_read_is_said(inspected, tmp_path):
     assert lines == ["measurement: {frf: {file: {path: x.uff}}, channels: all}"]
 
 
+def test_texts_of_complex_numbers_are_modes_or_responses_or_said_to_be_none(inspected, dynid, tmp_path):
+    (tmp_path / "m.csv").write_text("frequency (Hz),damping,1,2\n10,0.01,1+1j,2\n20,0.02,1-1j,3j\n")
+    entries, lines = inspected("m.csv")
+    assert entries == {"modes": {"what": "modes", "size": "2 at 2 DOFs", "note": "10 to 20 Hz"}}
+    assert lines == ["measurement: {modes: {file: m.csv}}"]
+    (tmp_path / "n.csv").write_text("frequency,damping,1\n10,0.01,1j\n")
+    entries, lines = inspected("n.csv")
+    assert entries["modes"]["note"] == "10 to 10"
+    assert lines == ["measurement: {modes: {file: n.csv, unit: Hz}}"]
+    (tmp_path / "h.csv").write_text("f (Hz),H1\n1,1+2j\n2,2-1j\n")
+    assert inspected("h.csv")[0] == {"H1": {"what": "frequency response", "size": "2"}}
+    for name, text in (("r.csv", "t,x\n0,1+2j\n0.1,2j\n"), ("K.txt", "1+2j 2\n2 3+1j\n")):
+        (tmp_path / name).write_text(text)
+        code, _, err = dynid("inspect", tmp_path / name)
+        assert code == 4
+        assert "'1+2j' is a complex number, where real ones are read. Frequency responses are read by" in err
+    text = "%%MatrixMarket matrix coordinate complex symmetric\n1 1 1\n1 1 1 2\n"
+    (tmp_path / "K.mtx").write_text(text)
+    err = dynid("inspect", tmp_path / "K.mtx")[2]
+    assert err.strip().endswith("K.mtx:1: the matrix is complex; what is read is real or double or integer")
+
+
 def test_meshes_and_nodes(inspected, tmp_path):
     (tmp_path / "m.inp").write_text(
         "*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n*NSET, NSET=base\n1, 2\n"
@@ -180,6 +202,16 @@ def test_meshes_and_nodes(inspected, tmp_path):
     assert entries["tetra"] == {"what": "elements", "size": "1"}
     assert entries["base"] == {"what": "set of nodes", "size": "2"}
     assert "structure: {solid: {mesh: m.inp, materials: …}}" in lines
+
+
+def test_what_cannot_be_read_of_a_file_is_said_below_the_lines(dynid, tmp_path):
+    elements = "*ELEMENT, TYPE=C3D4\n1, 1, 2, 3, 9\n"
+    (tmp_path / "m.inp").write_text(f"*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n{elements}")
+    code, out, err = dynid("inspect", tmp_path / "m.inp")
+    assert (code, err) == (0, "")
+    assert "nodes  nodes" in out
+    assert "not read: " in out
+    assert "an element has the node 9, which is not there" in " ".join(out.split())
 
 
 def test_what_is_no_data_file_is_refused(dynid, tmp_path):

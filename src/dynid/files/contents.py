@@ -88,7 +88,7 @@ def contents_of(path: Path) -> _FileContents:
             scene += [item for item in listed if isinstance(item, str)]
             names += [form.name] if listed else []
             listed_contents |= {content} if listed else set()
-        if entries and form.recognised is not None:
+        if form.recognised is not None:
             break  # the first format that recognises a file reads it
     if not entries:
         ending = f"ends in {suffix}" if suffix else "has no ending"
@@ -238,6 +238,9 @@ def _text(form: FileFormat, path: Path) -> _Listed:
             yield from _table(table, path)
             return
     assert responses is not None
+    if "damping" in {heading.name for heading in responses.headings}:
+        yield from _modes(form, path)
+        return
     for number, heading in enumerate(responses.headings, 1):
         name, size = heading.name or f"column {number}", str(len(responses.omega))
         yield _FileEntry(name, "frequency response", size, heading.unit)
@@ -386,10 +389,12 @@ def _modes(form: FileFormat, path: Path) -> _Listed:
     except FileError as error:
         yield _FileEntry("results", "not read", note=error.problem.removeprefix(f"{path} "))
         return
-    hertz = modes.frequency / (2 * np.pi)
-    band = f"{hertz.min():.6g} to {hertz.max():.6g} Hz" if len(hertz) else ""
-    yield _FileEntry("modes", "modes", f"{len(hertz)} at {len(modes.dofs)} DOFs", note=band)
-    yield f"measurement: {{modes: {{file: {_word(path.name)}}}}}"
+    turn, name = (2 * np.pi, "Hz") if modes.unit == "rad/s" else (1.0, modes.unit)
+    frequency = modes.frequency / turn
+    band = f"{frequency.min():.6g} to {frequency.max():.6g} {name}".rstrip() if len(frequency) else ""
+    yield _FileEntry("modes", "modes", f"{len(frequency)} at {len(modes.dofs)} DOFs", note=band)
+    unit = "" if modes.unit else ", unit: Hz"
+    yield f"measurement: {{modes: {{file: {_word(path.name)}{unit}}}}}"
 
 
 _OF_CONTENTS: dict[str, _Lister] = {

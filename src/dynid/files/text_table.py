@@ -23,6 +23,10 @@ _RULE = re.compile(r"[\s|+]*+(?:[-=_*~]{3,}+[\s|+:]*+)++|[\s;,]*+(?:[-=_*~]{4,}+
 _MARKS = "-=_*~"
 #: The start of a line that may be a row of numbers.
 _ROW = re.compile(r"\s*[\"']?[-+]?[.,]?\d")
+_COMPLEX = (
+    "Frequency responses are read by 'frf', modes by 'modes'; of records and matrices write real and "
+    "imaginary parts in columns, or files, of their own."
+)
 ACCEPTED = "A missing sample is an empty field, nan, NA or n/a."
 
 
@@ -277,6 +281,8 @@ def _numbers(
         return [number(field) for field in fields]
     except ValueError:
         wrong = next(field.strip() for field in fields if not _reads(number, field))
+        if _reads(complex_number, wrong):
+            file.refuse(f"'{wrong[:40]}' is a complex number, where real ones are read", _COMPLEX, line=at)
         file.refuse(
             f"'{wrong[:40]}' is not a number", f"{ACCEPTED} {_DELETE}" if at <= late else ACCEPTED, line=at
         )
