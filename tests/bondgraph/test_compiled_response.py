@@ -269,7 +269,7 @@ def test_numpy_gives_what_the_library_gives(monkeypatch, make, seed):
 
 def test_a_long_chain_without_the_library(monkeypatch):
     monkeypatch.setenv(VARIABLE, "0")
-    omega, stages = np.geomspace(0.01, 100, 20), distinct(120)
+    omega, stages = np.geomspace(0.01, 100, 20), distinct(300)
     response = frequency_response(chain_of(stages), omega)[:, 0, 0]
     expected = np.array([by_recursion(stages, w) for w in omega])
     np.testing.assert_allclose(response, expected, rtol=4.5e-16, atol=1e-302)
