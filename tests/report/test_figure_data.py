@@ -98,8 +98,14 @@ def test_a_prediction_stands_beside_what_was_measured_with_the_spectrum_of_what_
         np.testing.assert_array_equal(
             column(figure.table, f"{name} 3.velocity (m/s)"), found[f"{group}/{name}"].data[places, 1]
         )
-    assert "ASD (m/s·(s/rad)^½)" in figure.svg
     assert "residual" in figure.svg
+    spectra, omega = drawn("table2")["spectra"], found["identification/residual_spectrum/omega"].data
+    amplitude = found["identification/residual_spectrum/amplitude"].data[:, 1]
+    lines = np.searchsorted(omega, column(spectra.table, "angular frequency (rad/s)") * (1 - 1e-12))
+    named = [name for name in spectra.table.columns if "3.velocity" in name]
+    assert [name.partition(" 3")[0] for name in named] == ["measured", "predicted", "measured − predicted"]
+    np.testing.assert_array_equal(column(spectra.table, named[2]), amplitude[lines])
+    assert "(m/s·(s/rad)^½)" in named[0]
 
 
 @pytest.mark.parametrize(("lacks_fit", "order"), [(False, ["a", "b", "c"]), (True, ["c", "a", "b"])])

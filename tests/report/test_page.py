@@ -31,6 +31,8 @@ from dynid.report.page.html import (
     text,
     with_code,
 )
+from dynid.report.plot import Curve
+from dynid.report.plot.record import layer_data, thinning
 from tests.report.pages import HOSTILE, result_of, run, study, template
 
 KINDS = ["bond-graph", "identification", "reduction", "study", "bench"]
@@ -112,7 +114,7 @@ def test_every_id_is_one_elements_own_and_every_link_has_its_target(made):
 def test_every_figure_stands_on_the_page_with_caption_and_table(made):
     result, html, reader = made
     every = figures(result)
-    drawn = [attrs for name, attrs in reader.elements if name == "svg"]
+    drawn = [attrs for name, attrs in reader.elements if (name, attrs.get("role")) == ("svg", "img")]
     first = re.findall(
         r'<figure id="figure-[^"]*-first"', html
     )  # the first plots of a figure that is whole below
@@ -177,6 +179,45 @@ def test_key_figures_stand_beside_the_answer_and_derivations_are_folded(kind, fi
         assert re.search(rf'<details id="[^"]*" class="fold"><summary><h3>{title}</h3>', html), title
     index = html[html.index('class="index"') : html.index("</nav>")]
     assert set(re.findall(r'href="#figure-([^"]*)"', index)) == {f.name for f in figures(result_of(kind))}
+
+
+def test_a_page_of_a_long_record_of_many_channels_has_all_samples_and_is_small():
+    from tests.report.test_pages_in_browser import long_record
+
+    result = long_record(channels=12)
+    html = page(result)
+    assert len(html.encode()) <= 3_000_000
+    _, data = (json.loads(text) for text in Reader(html).scripts if text.startswith('{"samples"'))
+    assert data["samples"] == 1
+    group = "identification/measurement"
+    measured, predicted = (result[f"{group}/{name}"].data for name in ("measured", "predicted"))
+    (record, model), (residual,) = (plot["layers"] for plot in data["plots"][6:8])
+    assert model["difference"] == [[6, 0], [7, 0]]  # stored once
+    for layer, signal in ((record, measured[:, 3]), (residual, measured[:, 3] - predicted[:, 3])):
+        codes = np.frombuffer(b64decode(layer["y"]["codes"]), "<u2")
+        low, high = layer["y"]["low"], layer["y"]["high"]
+        assert np.abs(low + codes / 65534 * (high - low) - signal).max() <= 0.51 * (high - low) / 65534
+
+
+def test_a_page_of_a_longer_record_keeps_its_extremes():
+    layer = Curve(np.arange(1001.0), np.sin(np.arange(1001.0) ** 2), "a")
+    (every, values), space = thinning([layer] * 100, 0), 20_000
+    assert (every, values) == (6, 16_683)
+    assert values <= space
+    data = layer_data(layer, False, False, every)
+    codes = np.frombuffer(b64decode(data["y"]["codes"]), "<u2")
+    for k in range(0, 1001, 12):
+        low, high = (
+            codes[k // 6 : k // 6 + 2] / 65534 * (data["y"]["high"] - data["y"]["low"]) + data["y"]["low"]
+        )
+        part = np.asarray(layer.y)[k : k + 12]
+        assert [low, high] == pytest.approx([part.min(), part.max()], abs=2e-5)
+    gaps = layer_data(Curve([1.0, 2.0, 4.0], [np.nan, 1.0, 2.0]), False, False, 1)
+    assert np.frombuffer(b64decode(gaps["y"]["codes"]), "<u2").tolist() == [65535, 0, 65534]
+    assert np.frombuffer(b64decode(gaps["x"]["numbers"]), "<f4").tolist() == [1.0, 2.0, 4.0]
+    even = layer_data(Curve([1.0, 10.0, 100.0], [1.0, 10.0, 100.0]), True, True, 1)
+    assert even["x"] == {"from": 1.0, "to": 100.0, "count": 3}
+    assert np.frombuffer(b64decode(even["y"]["codes"]), "<u2").tolist() == [0, 32767, 65534]
 
 
 PARTS = ["answer", "figures", "details", "derivations", "samples", "scene", "provenance"]

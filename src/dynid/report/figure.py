@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
-from typing import Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike
 from dynid.errors import DynidError, UsageError
 from dynid.report.svg import COLOURS, resolved
 from dynid.result import Result
+
+if TYPE_CHECKING:
+    from dynid.report.plot.layers import LegendEntry
 
 CellValue = str | bool | int | float | complex
 
@@ -33,11 +36,16 @@ class FigureTable:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that is drawn: an SVG document, which may also be part of a page; caption; table, if any."""
+    """A figure that is drawn: an SVG document, which may also be part of a page; caption; table, if any.
+
+    On pages, records over one axis have their samples as data of a `record`, and their legend beside them.
+    """
 
     svg: str
     caption: str = ""
     table: FigureTable | None = None
+    record: Mapping[str, Any] = field(default_factory=dict)
+    legend: Sequence[LegendEntry] = ()
 
     def picture(self, name: str, title: str) -> Picture:  # noqa: ARG002 - they are drawn in it
         """Return it as it is."""

@@ -113,16 +113,16 @@ def axes(result: Result, name: str) -> Any:
         figsize=(across * max(1, _SHARE * len(longest)), down * max(1, _SHARE * len(rows))),
     )
     figure.suptitle(by_name[name].title)
-    explained: set[str] = set()
+    entries = dict[str, Any]()
     for row, places in zip(rows, grid, strict=True):
         for plot, subaxes in zip(row, places, strict=False):
             _draw(plot, subaxes)
-            labels = set(subaxes.get_legend_handles_labels()[1])
-            if not labels <= explained:
-                subaxes.legend()
-                explained |= labels
+            handles, labels = subaxes.get_legend_handles_labels()
+            entries |= dict(zip(labels, handles, strict=True))
         for empty in places[len(row) :]:
             empty.set_axis_off()
+    if entries:  # above the axes, where it covers no curve
+        figure.legend([*entries.values()], [*entries], loc="outside upper center", ncols=min(len(entries), 4))
     return grid[0, 0] if grid.size == 1 else grid
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynid.arrays import Array
+from dynid.identification.residual_tests import spectrum
 from dynid.report.content.identification import is_rejected, lacks_fit
 from dynid.report.diagrams.responses import degrees, frequencies
 from dynid.report.figure import Figure, FigureTable, table_of
@@ -153,7 +154,7 @@ def _history(result: Result, group: str) -> Chart:
     ends = "; ".join(f"{label}: {short(float(estimate[-1, k]))}" for k, label in enumerate(names[:4]))
     left = f" The first {_PANELS} of {len(names)} parameters." if len(names) > _PANELS else ""
     about = f"Final values: {ends}.{left}"
-    return Chart(in_rows(subplots), about, table_of(columns), shared=True)
+    return Chart(in_rows(subplots, 1), about, table_of(columns), shared=True)
 
 
 def _visible_band(values: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -188,12 +189,12 @@ def _state_errors(result: Result, group: str, members: tuple[str, str, str]) -> 
     left = f" {len(shown)} of {len(names)} states." if len(shown) < len(names) else ""
     about = f"Estimated minus true states, with the 95 % band of the estimator.{left}"
     columns = {"time (s)": time} | {f"error of {names[state]}": error[:, state] for state in shown}
-    return Chart(in_rows(subplots), about, table_of(columns), shared=True)
+    return Chart(in_rows(subplots, 1), about, table_of(columns), shared=True)
 
 
 _MEASURED = "identification/measurement"
-#: Most channels of a figure.
-CHANNELS = 8
+#: Most channels of a figure; width of records, px.
+CHANNELS, _WIDE = 12, 1000.0
 
 
 def predictions(result: Result) -> Iterator[Figure]:
@@ -203,6 +204,8 @@ def predictions(result: Result) -> Iterator[Figure]:
     else:
         name, title, draw = "prediction", "Measured and predicted", _over_time
     yield from _figures_of_records(result, _MEASURED, "predicted", name, title, draw)
+    spectra = "identification/residual_spectrum"
+    yield from _figures_of_records(result, spectra, "amplitude", "spectra", "Spectra", _spectra)
     group = "identification/diagnostics"
     if f"{group}/autocorrelation" in result:
         yield Figure("whiteness", "Autocorrelation of the residuals", partial(_whiteness, result, group))
@@ -237,65 +240,96 @@ def _drawn_channels(result: Result, misfit: Array) -> tuple[list[int], str]:
 def _over_time(result: Result, group: str) -> Chart:
     time, channels = result[f"{group}/time"].data, _channels(result, group)
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
-    spectra = group.replace("measurement", "residual_spectrum")
     units = texts(result, f"{group}/unit") or [result[f"{group}/measured"].units] * len(channels)
-    rows, columns = [], {"time (s)": time}
+    columns = {"time (s)": time}
     for column, channel in enumerate(channels):
-        data, model = measured[:, column], predicted[:, column]
-        columns |= {f"measured {channel}": data, f"predicted {channel}": model}
+        columns |= {
+            f"measured {channel}": measured[:, column],
+            f"predicted {channel}": predicted[:, column],
+        }
     misfit = _misfit(measured, predicted)
     drawn, more = _drawn_channels(result, misfit)
+    subplots = []
     for column in drawn:
-        channel, data, model = channels[column], measured[:, column], predicted[:, column]
-        both: list[Layer] = [Curve(time, data, "measured", "s7"), Curve(time, model, "predicted", "s1 fine")]
-        residual = Curve(time, data - model, "measured − predicted", "s2 fine")
-        row = [
-            Subplot(PlotAxis("time (s)"), PlotAxis(channel), both, weight=1.6),
-            Subplot(PlotAxis("time (s)"), PlotAxis(labelled("residual", units[column])), [residual]),
+        data, model = measured[:, column], predicted[:, column]
+        record, residual = (
+            Curve(time, data, "measured", "s7"),
+            Curve(time, data - model, "measured − predicted", "s1 fine"),
+        )
+        both = [
+            record,
+            Curve(time, model, "predicted", "s2 fine dash", difference=(record, residual)),
         ]
-        if f"{spectra}/amplitude" in result:
-            at, amplitude = frequencies(result, f"{spectra}/omega"), result[f"{spectra}/amplitude"]
-            densities = texts(result, f"{spectra}/unit")
-            legend = "amplitude spectral density (ASD) of the residual"
-            line = Curve(at.shown, amplitude.data[:, column], legend, "s3 fine")
-            label = labelled("ASD", densities[column] if densities else amplitude.units)
-            row.append(Subplot(at.axis, PlotAxis(label), [line]))
-        rows.append(row)
+        subplots += [
+            Subplot(PlotAxis("time (s)"), PlotAxis(channels[column]), both, height=150.0),
+            Subplot(
+                PlotAxis("time (s)"), PlotAxis(labelled("residual", units[column])), [residual], height=75.0
+            ),
+        ]
     shares = [
         f"{channels[k]}: {'no signal' if np.isnan(misfit[k]) else f'{short(100 * misfit[k], 2)} %'}"
-        for k in drawn[:4]
+        for k in drawn
     ]
     about = f"Residual relative to the signal: {'; '.join(shares)}.{more}"
-    return Chart(rows, about, table_of(columns), width=1000.0, height=150.0)
+    return Chart(in_rows(subplots, 1), about, table_of(columns), width=_WIDE, shared=True)
+
+
+def _spectra(result: Result, group: str) -> Chart:
+    """Return the spectra of what was measured and predicted, and of their difference."""
+    record = group.replace("residual_spectrum", "measurement")
+    time, channels = result[f"{record}/time"].data, texts(result, f"{record}/channel")
+    measured, predicted = result[f"{record}/measured"].data, result[f"{record}/predicted"].data
+    at, step = frequencies(result, f"{group}/omega"), float(time[-1] - time[0]) / (len(time) - 1)
+    of_units = texts(result, f"{group}/unit") or [result[f"{group}/amplitude"].units] * len(channels)
+    lines = {
+        "measured": (spectrum(measured, step)[1], "s7"),
+        "predicted": (spectrum(predicted, step)[1], "s2 fine dash"),
+        "measured − predicted": (result[f"{group}/amplitude"].data, "s1 fine"),
+    }
+    drawn, more = _drawn_channels(result, _misfit(measured, predicted))
+    columns, subplots = dict(at.columns), []
+    for column in drawn:
+        label = labelled(channels[column], of_units[column])
+        layers: list[Layer] = [
+            Curve(at.shown[1:], values[1:, column], name, cls) for name, (values, cls) in lines.items()
+        ]
+        subplots.append(Subplot(at.axis, PlotAxis(label, log=True), layers, height=130.0))
+        columns |= {f"{name} {label}": values[:, column] for name, (values, _) in lines.items()}
+    named = ", ".join(channels[k] for k in drawn)
+    about = f"Roots of the power spectral densities (ASD, Welch) of {named}, above the frequency 0.{more}"
+    return Chart(in_rows(subplots, 1), about, table_of(columns), width=_WIDE, shared=True)
 
 
 def _over_frequency(result: Result, group: str) -> Chart:
     at, channels = frequencies(result, f"{group}/omega"), _channels(result, group)
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
-    rows, columns = [], dict(at.columns)
+    columns = dict(at.columns)
     for column, channel in enumerate(channels):
-        data, model = measured[:, column], predicted[:, column]
-        for what, values in (("measured", data), ("fitted", model)):
+        for what, values in (("measured", measured[:, column]), ("fitted", predicted[:, column])):
             columns |= {f"Re {what} {channel}": values.real, f"Im {what} {channel}": values.imag}
     drawn, more = _drawn_channels(result, _misfit(measured, predicted))
+    subplots = []
     for column in drawn:
-        channel, data, model = channels[column], measured[:, column], predicted[:, column]
+        data, model = measured[:, column], predicted[:, column]
         sizes: list[Layer] = [
             Markers(at.shown, np.abs(data), "measured", "s7", "o", 1.6),
-            Curve(at.shown, np.abs(model), "fitted", "s1"),
-            Curve(at.shown, np.abs(data - model), "|measured − fitted|", "s2 fine"),
+            Curve(at.shown, np.abs(model), "fitted", "s2"),
+            Curve(at.shown, np.abs(data - model), "|measured − fitted|", "s1 fine"),
         ]
         phase = (degrees(model) + 180) % 360 - 180
         phase[np.flatnonzero(np.abs(np.diff(phase)) > 180)] = np.nan  # no line where it wraps around
         phases: list[Layer] = [
-            Markers(at.shown, np.rad2deg(np.angle(data)), "", "s7", "o", 1.6),
-            Curve(at.shown, phase, "", "s1", name="fitted"),
+            Markers(at.shown, np.rad2deg(np.angle(data)), "measured", "s7", "o", 1.6),
+            Curve(at.shown, phase, "fitted", "s2"),
         ]
-        magnitude = Subplot(at.axis, PlotAxis(channel, log=True), sizes, weight=1.4)
         upright = PlotAxis("phase (°)", step=15, low=-180, high=180)
-        rows.append([magnitude, Subplot(at.axis, upright, phases)])
-    about = f"Measured and fitted responses, and the magnitude of their difference.{more}"
-    return Chart(rows, about, table_of(columns), width=900.0, height=190.0)
+        subplots += [
+            Subplot(at.axis, PlotAxis(channels[column], log=True), sizes, height=170.0),
+            Subplot(at.axis, upright, phases, height=90.0),
+        ]
+    named = ", ".join(texts(result, f"{group}/channel")[k] for k in drawn)
+    about = f"Measured and fitted responses {named}, and the magnitude of their difference.{more}"
+    return Chart(in_rows(subplots, 1), about, table_of(columns), width=_WIDE, shared=True)
 
 
 def _whiteness(result: Result, group: str) -> Chart:

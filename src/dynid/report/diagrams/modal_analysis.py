@@ -57,14 +57,14 @@ def _synthesis(result: Result) -> Chart:
     for o, i in pairs[:_MAX_PAIRS]:
         name = f"{channels[o]}/{references[i]}"
         layers: list[Layer] = [
-            Curve(at.shown, decibels(measured[:, o, i]), "measured", "s2 fine"),
-            Curve(at.shown, decibels(synthesis[:, o, i]), "synthesis", "s1"),
+            Curve(at.shown, decibels(measured[:, o, i]), "measured", "s7"),
+            Curve(at.shown, decibels(synthesis[:, o, i]), "synthesis", "s2 fine dash"),
         ]
-        subplots.append(Subplot(at.axis, PlotAxis("magnitude (dB)"), layers, name))
+        subplots.append(Subplot(at.axis, PlotAxis("magnitude (dB)"), layers, name, height=150.0))
         columns |= {f"|{name}| measured": np.abs(measured[:, o, i]), f"|{name}|": np.abs(synthesis[:, o, i])}
     cut = f" The first {_MAX_PAIRS} of {len(pairs)} responses." if len(pairs) > _MAX_PAIRS else ""
     about = f"Responses of the modes and the residual terms over those measured, in SI units.{cut}"
-    return Chart(in_rows(subplots), about, table_of(columns))
+    return Chart(in_rows(subplots, 1), about, table_of(columns), shared=True)
 
 
 def _chart(result: Result) -> Chart:

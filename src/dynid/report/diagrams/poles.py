@@ -359,7 +359,7 @@ def _sensitivities(result: Result) -> Chart:
     )
     about = f"S = 1/(1 + L), drawn through, and T = L/(1 + L), dashed. Peaks over all frequencies: {peaks}."
     plot = Subplot(at.axis, PlotAxis("magnitude (dB)"), layers, height=260.0)
-    return Chart([[plot]], about, table_of(columns))
+    return Chart([[plot]], about, table_of(columns), shared=True)
 
 
 def _root_locus(result: Result, group: str) -> Chart:

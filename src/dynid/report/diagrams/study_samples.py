@@ -356,4 +356,4 @@ def _course(parameter: StudyVariable, outputs: Sequence[StudyVariable]) -> Chart
         across, up = parameter.axis(parameter.label), PlotAxis(number.label, log=wide)
         subplots.append(Subplot(across, up, layers, height=150.0))
     about = f"Results over {parameter.path}, the only input that varies."
-    return Chart(in_rows(subplots), about, table_of(columns), shared=True)
+    return Chart(in_rows(subplots, 1), about, table_of(columns), shared=not across.names)

@@ -28,6 +28,7 @@ from dynid.report.page.html import (
     figure_table,
     grid,
     join,
+    json_data,
     node,
     page_sections,
     scrolling,
@@ -35,6 +36,7 @@ from dynid.report.page.html import (
     text,
 )
 from dynid.report.plot.chart import PageSpace, embedded
+from dynid.report.plot.layers import LegendEntry, symbol_class, symbol_path
 from dynid.report.svg import css
 from dynid.result import Result
 
@@ -45,6 +47,8 @@ _ARRAYS, _LINES = 500, 3000
 _WIDTH, _WIDE = re.compile(r'<svg[^>]*\bwidth="([\d.]+)"'), 520
 #: Largest height of a figure beside the answer, px: with the widest column there, that of the style sheet.
 _TALL = 370.0
+#: Columns of figures beside the answer.
+_LEADING_COLUMNS = 3
 _FIRST = ("created", "dynid_version", "python", "packages", "seed", "folder")
 
 #: Most rows of a table of the answer that are not folded.
@@ -70,17 +74,22 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     scripts += ["watch.js"] if live is not None else []
     drawable = figures(result)
     first, drawn = leading(result.kind, drawable), dict[str, Markup]()
-    previews = dict[str, Markup]()
+    previews, space = dict[str, Markup](), PageSpace()
     for figure in tracked(drawable, "figure"):
         if figure in first:
-            drawn[figure.name], omitted = _drawn(figure, _TALL)
-            if omitted:
+            drawn[figure.name] = _drawn(figure, space, _TALL)
+            if space.omitted:
                 previews[figure.name] = drawn[figure.name]
         if figure not in first or figure.name in previews:
-            drawn[figure.name], _ = _drawn(figure, math.inf)
+            drawn[figure.name] = _drawn(figure, space, math.inf)
     leading_pictures = drawn | previews
-    # A wide figure would push the others down.
+    # A wide figure would push the others down; a record has the width of two.
     first = [one for one in first if one is first[0] or 'class="wide"' not in leading_pictures[one.name]]
+    room, shown_first = _LEADING_COLUMNS, list[Figure]()
+    for one in first:
+        room -= 2 if 'class="record"' in leading_pictures[one.name] else 1
+        shown_first += [one] if room >= 0 else []
+    first = shown_first
     others = [figure for figure in drawable if figure not in first or figure.name in previews]
     unfolded = None if result.kind == "bench" else _UNFOLDED_ROWS  # of a benchmark every row is an answer
     parts = [
@@ -167,7 +176,7 @@ def document(
     def asset(name: str) -> str:
         return (files("dynid.report.page") / name).read_text(encoding="utf-8")
 
-    code = [asset(name) for name in ("page.js", "print.js", *scripts)]
+    code = [asset(name) for name in ("record.js", "page.js", "print.js", *scripts)]
     sections = [(section, section.heading.lower()) for section in parts if section.inside]
     theme = tag(
         "button",
@@ -224,12 +233,12 @@ def document(
     )
 
 
-def _drawn(figure: Figure, tallest: float) -> tuple[Markup, int]:
-    """Return a figure for a page, of a largest height, and the number of subplots that it omits."""
-    space = PageSpace(tallest)
+def _drawn(figure: Figure, space: PageSpace, tallest: float) -> Markup:
+    """Return a figure for a page, of a largest height; `space` has the number of subplots that it omits."""
+    space.tallest, space.omitted = tallest, 0
     token = embedded.set(space)
     try:
-        return _figure(replace(figure), space), space.omitted
+        return _figure(replace(figure), space)
     finally:
         embedded.reset(token)
 
@@ -249,11 +258,17 @@ def _figure(figure: Figure, space: PageSpace) -> Markup:
         tag("button", sign, type="button", data_do=do, aria_label=f"{label}: {figure.title}", title=label)
         for do, sign, label in _TOOLS
     )
+    tools = tag("div", *buttons, tag("output"), class_="tools no-script")
+    size = _WIDTH.search(drawn)
+    cls = "record" if picture.record else "wide" if size and float(size[1]) > _WIDE else None
     return tag(
         "figure",
         tag("h3", figure.title),
+        tools if picture.record else "",  # a record may be higher than the screen
+        _legend(picture.legend) if picture.legend else "",
         tag("div", drawn, class_="picture", tabindex="0", role="group", aria_label=figure.title),
-        tag("div", *buttons, tag("output"), class_="tools no-script"),
+        json_data(picture.record) if picture.record else "",
+        "" if picture.record else tools,
         tag("figcaption", picture.caption) if picture.caption else "",
         tag("p", tag("a", f"All plots: {space.omitted} more", href=f"#figure-{figure.name}"))
         if space.omitted
@@ -261,8 +276,23 @@ def _figure(figure: Figure, space: PageSpace) -> Markup:
         if picture.table
         else "",
         id=f"figure-{figure.name}{'-first' if space.omitted else ''}",
-        class_="wide" if (size := _WIDTH.search(drawn)) and float(size[1]) > _WIDE else None,
+        class_=cls,
     )
+
+
+def _legend(entries: Iterable[LegendEntry]) -> Markup:
+    """Return the legend of a record, each entry with its key as a picture."""
+    keys = []
+    for entry in entries:
+        cls, at = f"{entry.cls} band" if entry.symbol == "band" else entry.cls, "M0 6H20"
+        if entry.symbol == "band":
+            at = "M0 1H20V11H0Z"
+        elif entry.symbol != "line":
+            cls, at = symbol_class(entry.symbol, entry.cls), symbol_path(entry.symbol, 10, 6, 4)
+        path = tag("path", class_=cls, d=at)
+        key = tag("svg", path, class_="fig", viewBox="0 0 20 12", width="20", height="12", aria_hidden="true")
+        keys.append(tag("li", key, entry.label))
+    return tag("ul", *keys, class_="legend")
 
 
 def _provenance(result: Result) -> Markup:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from html import escape
+from typing import Any
 
 from dynid.number_format import counted, general, sentence, unbroken
 from dynid.report.content.blocks import (
@@ -70,6 +72,14 @@ def tag(name: str, *content: str, **attrs: str | bool | None) -> Markup:
     if name in _VOID:
         return Markup(f"<{name}{attributes}>")
     return Markup(f"<{name}{attributes}>{join(*content)}</{name}>")
+
+
+def json_data(data: Any, **attrs: str) -> Markup:
+    """Return data for a script; they cannot end its element."""
+    text = json.dumps(data, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    for character in "&<>\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return tag("script", Markup(text), type="application/json", **attrs)
 
 
 _POWER = re.compile(r"(?:\*\*|\^)(-?\d+(?:\.\d+)?|\([^()]*\))")

@@ -133,6 +133,11 @@
     const svg = picture.querySelector("svg");
     const tools = picture.parentElement.querySelector(".tools");
     if (!svg || !tools) continue;
+    const record = picture.parentElement.querySelector('script[type="application/json"]');
+    if (record) {
+      pictures.push(Records(picture.parentElement, JSON.parse(record.textContent), { parts, withUnit }, link));
+      continue;
+    }
     const whole = svg.getAttribute("viewBox").split(" ").map(Number);
     let box = [...whole];
     const output = tools.querySelector("output");
@@ -188,6 +193,7 @@
         const said = [];
         let met = false;
         for (const plot of plots) {
+          if (!label) continue;
           if (plot.over === label && plot.perY) readUpright(plot, value);
           else if (plot.over === label) readLocus(plot, value, said);
           else if (plot.group.dataset.xLabel === label && plot.lines.length) readAlongX(plot, value, near && near.plot === plot ? near.y : null, said);

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.report.content.study import display_name, shown_numbers
-from dynid.report.page.html import Markup, join, shown_rows, tag, visible
+from dynid.report.page.html import Markup, join, json_data, shown_rows, tag, visible
 from dynid.result import Result
 from dynid.study.analysis.table import StudyTable
 from dynid.suggestions import distinct_ends, short_paths
@@ -49,10 +49,6 @@ def samples(result: Result) -> Markup:
         names = f"{', '.join(left[:6])}{', …' if left[6:] else ''}"
         cuts.append(f"without {len(left):,} of the results: {names}")
     note = tag("p", f"This table has {'; '.join(cuts)}. The file has all.", class_="note") if cuts else ""
-    data = json.dumps({"rows": len(rows), "columns": kept}, ensure_ascii=False, separators=(",", ":"))
-    # Escaped so that the JSON cannot end its element.
-    for character in "&<>\u2028\u2029":
-        data = data.replace(character, f"\\u{ord(character):04x}")
     return join(
         note,
         tag(
@@ -60,7 +56,7 @@ def samples(result: Result) -> Markup:
             tag("p", "Sorting and filtering samples needs scripts; the statistics above do not."),
         ),
         tag("div", id="sample-table", class_="samples no-script"),
-        tag("script", Markup(data), type="application/json", id="samples-data"),
+        json_data({"rows": len(rows), "columns": kept}, id="samples-data"),
     )
 
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from dynid.report.figure import FigureTable, Picture
 from dynid.report.notation import raised
 from dynid.report.plot.axis import PlotAxis, Scale, Ticks
 from dynid.report.plot.layers import Layer, LegendEntry, PlotArea, symbol_class, symbol_path
+from dynid.report.plot.record import plot_layers, thinning
 from dynid.report.svg import BOLD_WIDTH, SIZE, SMALL, TITLE, Svg, text_width
 
 #: Space for the ticks of an axis and for its label, px.
@@ -30,6 +31,8 @@ _PAD, _BETWEEN, _KEY, _ROW, _TITLE_LINE = 12.0, 16.0, 26.0, 20.0, 15.0
 _SYMBOLS = {"real part": "Re", "imaginary part": "Im"}
 #: Width of a chart on a page; least width and mean height of a subplot there, and of a square one, px.
 NARROW, _LEAST, _LOWEST, _SQUARE = 420.0, 190.0, 64.0, 120.0
+#: Width of a record on a page; mean height of its subplots; width of a column of its samples, px.
+RECORD, _RECORD_LOWEST, _COLUMN = 960.0, 110.0, 3.0
 
 
 @dataclass
@@ -37,10 +40,12 @@ class PageSpace:
     """Space of a chart on a page, as narrow as the screen of a phone, where it has no title.
 
     A chart of the width `NARROW` is at most `tallest` px high: it omits rows, and counts their subplots.
+    Records may have so many `values` on the page, less those that it has already.
     """
 
-    tallest: float
+    tallest: float = math.inf
     omitted: int = 0
+    values: int = 800_000
 
 
 #: The space on a page, where charts are drawn for one; None: they are not for a page.
@@ -79,19 +84,19 @@ class Subplot:
         ticks = self.y.ticks(self.scales[1], height, upright=True)
         return ticks.width + GAP + (LABEL if self.headings(height)[1] else 0.0) + 4
 
-    def headings(self, height: float) -> tuple[str, str]:
+    def headings(self, height: float, *, power: bool = True) -> tuple[str, str]:
         """Return the text above it and the label beside it, at a height of the plot area, px.
 
-        A label that is longer than its axis is above, but for its units.
+        A label that is longer than its axis is above, but for its units. `power`: with that of its ticks.
         """
-        ticks = self.y.ticks(self.scales[1], height, upright=True)
+        ticks = self.y.ticks(self.scales[1], height, upright=True) if power else Ticks((), ())
         heading = _with_power(self.y.label, ticks)
         if self.title or text_width(heading, SMALL) <= height + _OVER:
             return self.title, heading
         name, units = in_parts(self.y.label)
         return name, " ".join(filter(None, (f"10{raised(ticks.power)}" if ticks.power else "", units)))
 
-    def area(self, left: float, top: float, width: float, height: float) -> PlotArea:
+    def area(self, left: float, top: float, width: float, height: float, column: float = 1.0) -> PlotArea:
         """Return the area of its data at a place and of a size."""
         x, y = self.scales
         if self.square:  # widen one of the scales
@@ -100,7 +105,22 @@ class Subplot:
             middle = (scale.low + scale.high) / 2
             widened = replace(scale, low=middle - span / 2, high=middle + span / 2)
             x, y = (widened, y) if scale is x else (x, widened)
-        return PlotArea(left, top, width, height, x, y)
+        return PlotArea(left, top, width, height, x, y, column)
+
+    def data(self, height: float, scale: Scale) -> dict[str, Any]:
+        """Return its upright axis for a script that draws records."""
+        title, label = self.headings(height, power=False)
+        return {
+            "title": title,
+            "label": label,
+            "height": height,
+            "y": self.y.label,
+            "log": self.y.log,
+            "step": self.y.step,
+            "low": scale.low,
+            "high": scale.high,
+            "fixed": None not in (self.y.low, self.y.high),
+        }
 
     def draw(self, svg: Svg, area: PlotArea, *, margin: float, labelled: bool = True) -> None:
         """Draw it into an area with a margin to its left; unlabelled if the subplot below has the same x."""
@@ -189,8 +209,8 @@ class Chart:
     """A figure of subplots under one legend, with its caption and its table.
 
     Rows of subplots are aligned in columns; `width` is that of the whole figure, `height` that of a plot
-    area, px. Where x is `shared`, only the lowest subplot of a column labels it. By default the legend has
-    all layers' entries.
+    area, px. Where x is `shared`, only the lowest subplot of a column labels it, and pages have a record:
+    subplots below each other, as wide as the page. By default the legend has all layers' entries.
     """
 
     rows: Sequence[Sequence[Subplot]]
@@ -208,38 +228,76 @@ class Chart:
             layers = (layer for row in self.rows for plot in row for layer in plot.layers)
             entries = [entry for layer in layers for entry in layer.legend()]
         entries, groups = list(dict.fromkeys(entries)), [self.rows]
-        if (page := embedded.get()) is None:
+        page = embedded.get()
+        if page is not None and shared:
+            return self._record(name, title, entries, page)
+        if page is None:
             svg, y = Svg(name, title, self.caption), _PAD + TITLE
             space = (width - 2 * _PAD) * SIZE / TITLE / BOLD_WIDTH
             svg.text(_PAD, y, _fitted(title, space), "title", anchor="start")
         else:
-            groups, width = _narrowed(self.rows, width, shared)
+            groups, width = _narrowed(self.rows, width)
             before, y = page.omitted, -4.0
             lines = _draw_legend(Svg("", ""), entries, y + 8, width)
             space = min(1.0, width / NARROW) * page.tallest - lines - _PAD
-            groups = _fitting(groups, page, space, height, shared)
+            groups = _fitting(groups, page, space, height)
             svg = Svg(f"{name}-first" if page.omitted > before else name, title, self.caption)
         y = _draw_legend(svg, entries, y + 8, width)
         for group in groups:
             y = _draw_rows(svg, group, y, width, height, shared)
         return Picture(svg.render(width, y + _PAD), self.caption, self.table)
 
+    def _record(self, name: str, title: str, entries: Sequence[LegendEntry], page: PageSpace) -> Picture:
+        """Draw it as a record: the legend is beside the picture, a script has the samples."""
+        before = page.omitted
+        rows = [[plot] for row in self.rows for plot in row]
+        (rows,) = _fitting([rows], page, page.tallest - 2 * _ROW, self.height, _RECORD_LOWEST)
+        plots = [row[0] for row in rows]
+        heights = [plot.height or self.height for plot in plots]
+        svg = Svg(f"{name}-first" if page.omitted > before else name, title, self.caption)
+        y = _draw_rows(svg, rows, 0.0, RECORD, self.height, shared=True, column=_COLUMN)
+        across, scales = plots[-1].x, [plot.scales for plot in plots]
+        every, values = thinning((layer for plot in plots for layer in plot.layers), page.values)
+        page.values -= values
+        logs = [(plot.x.log, plot.y.log) for plot in plots]
+        layers = plot_layers([plot.layers for plot in plots], every, logs)
+        data = {
+            "samples": every,
+            "x": {
+                "label": across.label,
+                "log": across.log,
+                "low": min(x.low for x, _ in scales),
+                "high": max(x.high for x, _ in scales),
+            },
+            "plots": [
+                plot.data(height, y) | {"layers": of_plot}
+                for plot, height, (_, y), of_plot in zip(plots, heights, scales, layers, strict=True)
+            ],
+        }
+        return Picture(svg.render(RECORD, y + 4), self.caption, self.table, data, entries)
+
 
 def _fitting(
-    groups: Sequence[Sequence[Sequence[Subplot]]], page: PageSpace, space: float, height: float, shared: bool
+    groups: Sequence[Sequence[Sequence[Subplot]]],
+    page: PageSpace,
+    space: float,
+    height: float,
+    lowest: float = _LOWEST,
 ) -> list[Sequence[Sequence[Subplot]]]:
-    """Return the rows that fit into a height, px, scaled down to it; grids of unlabelled axes stay whole."""
+    """Return the rows that fit into a height, px, scaled down to it; grids of unlabelled axes stay whole.
+
+    `lowest` is the least mean height of plot areas; records have one axis for all.
+    """
+    shared = lowest == _RECORD_LOWEST
     if math.isinf(space):
         return list(groups)
     rows_of_groups = [(group_index, row) for group_index, group in enumerate(groups) for row in group]
     unlabelled = any(not (plot.x.label or plot.x.names) for _, row in rows_of_groups for plot in row)
     while True:
         sizes = sum(max(plot.height or height for plot in row) for _, row in rows_of_groups)
-        around = sum(_around(row, _LOWEST, shared) for _, row in rows_of_groups)
+        around = sum(_around(row, lowest, shared) for _, row in rows_of_groups)
         around += (BELOW + LABEL) * len({group_index for group_index, _ in rows_of_groups}) if shared else 0.0
-        min_height = sum(
-            _SQUARE if any(plot.square for plot in row) else _LOWEST for _, row in rows_of_groups
-        )
+        min_height = sum(_SQUARE if any(plot.square for plot in row) else lowest for _, row in rows_of_groups)
         if unlabelled or len(rows_of_groups) == 1 or space - around >= min_height:
             break
         page.omitted += len(rows_of_groups.pop()[1])
@@ -266,11 +324,11 @@ def _above(titles: int) -> float:
 
 
 def _narrowed(
-    rows: Sequence[Sequence[Subplot]], width: float, shared: bool
+    rows: Sequence[Sequence[Subplot]], width: float
 ) -> tuple[list[Sequence[Sequence[Subplot]]], float]:
     """Return the rows in groups of fewer columns, one below the other, and the width of each.
 
-    A grid of subplots whose inner axes have no labels stays whole. Columns with one x axis stay together.
+    A grid of subplots whose inner axes have no labels stays whole.
     """
     count = max(map(len, rows))
     if any(not (plot.x.label or plot.x.names) for row in rows for plot in row):
@@ -285,14 +343,17 @@ def _narrowed(
         width, limit = min(width, NARROW), 1 if few_squares else int(NARROW / _LEAST)
     if count <= limit:
         return [rows], width
-    starts = range(0, count, limit)
-    if shared:
-        return [[row[k : k + limit] for row in rows if row[k : k + limit]] for k in starts], width
     return [[row[k : k + limit] for row in rows for k in range(0, len(row), limit)]], width
 
 
 def _draw_rows(
-    svg: Svg, rows: Sequence[Sequence[Subplot]], y: float, width: float, height: float, shared: bool
+    svg: Svg,
+    rows: Sequence[Sequence[Subplot]],
+    y: float,
+    width: float,
+    height: float,
+    shared: bool,
+    column: float = 1.0,
 ) -> float:
     """Draw rows of subplots aligned in columns; return their lower end.
 
@@ -312,10 +373,10 @@ def _draw_rows(
         y += _above(titles) + (8 if number and not shared else 0)
         above = len(rows[number + 1]) if shared and number + 1 < len(rows) else 0
         beneath = 0.0
-        for index, (plot, column) in enumerate(zip(row, columns, strict=False)):
+        for index, (plot, at) in enumerate(zip(row, columns, strict=False)):
             labelled = index >= above
-            area = plot.area(column.left, y, column.width, plot.height or height)
-            plot.draw(svg, area, margin=column.margin, labelled=labelled)
+            area = plot.area(at.left, y, at.width, plot.height or height, column)
+            plot.draw(svg, area, margin=at.margin, labelled=labelled)
             beneath = max(beneath, (BELOW + (LABEL if plot.x.label else 0.0)) if labelled else 0.0)
         y += max(plot.height or height for plot in row) + beneath
     return y

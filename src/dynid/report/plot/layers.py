@@ -56,7 +56,10 @@ class LegendEntry(NamedTuple):
 
 @dataclass(frozen=True)
 class PlotArea:
-    """The area of a subplot in which data are drawn, px, with its scales and the boxes of texts in it."""
+    """The area of a subplot in which data are drawn, px, with its scales and the boxes of texts in it.
+
+    Of dense samples each `column`, px wide, has the extremes.
+    """
 
     left: float
     top: float
@@ -64,6 +67,7 @@ class PlotArea:
     height: float
     x: Scale
     y: Scale
+    column: float = 1.0
     texts: list[tuple[float, float, float, float]] = field(default_factory=list)
 
     def at_x(self, values: ArrayLike) -> NDArray[np.float64]:
@@ -103,7 +107,8 @@ class Curve(Layer):
 
     `cls` are its classes: `series_class(0)`, `s2 fine`, `grid`; the axes contain it if it `spans` them. A
     script reads its values under `name`, by default the label, else that of the y axis; `along` are the
-    values of a parameter at the points of a locus, such as the frequency.
+    values of a parameter at the points of a locus, such as the frequency. Of a curve that is the `difference`
+    of two others over the same x, records store these alone.
     """
 
     x: ArrayLike
@@ -113,6 +118,7 @@ class Curve(Layer):
     spans: bool = True
     name: str = ""
     along: ArrayLike | None = None
+    difference: tuple[Curve, Curve] | None = None
 
     def extent(self) -> Extent:
         """Return its values."""
@@ -123,7 +129,7 @@ class Curve(Layer):
         x, y = area.at_x(self.x), np.clip(area.at_y(self.y), -1e4, 1e4)
         pieces, places = list[str](), list[float]()
         if self.along is None:
-            pieces = [path_of(_rounded(*decimated(a, b))) for a, b in runs(x, y)]
+            pieces = [path_of(_rounded(*decimated(a, b, column=area.column))) for a, b in runs(x, y)]
         else:
             values = np.asarray(self.along)
             for run_x, run_y, run_at in runs(x, y, values):
@@ -160,7 +166,10 @@ class BandLayer(Layer):
         finite = np.isfinite(low) & np.isfinite(high)
         low, high = np.where(finite, low, np.nan), np.where(finite, high, np.nan)
         for (x_low, y_low), (x_high, y_high) in zip(runs(x, low), runs(x, high), strict=True):
-            there, back = _rounded(*decimated(x_low, y_low, 0.5)), _rounded(*decimated(x_high, y_high, 0.5))
+            there, back = (
+                _rounded(*decimated(x_side, y_side, 0.5, area.column))
+                for x_side, y_side in ((x_low, y_low), (x_high, y_high))
+            )
             svg.element("path", f"{self.cls} band", d=path_of([*there, *back[::-1]], closed=True))
 
 
@@ -304,10 +313,11 @@ def runs(x: Array, y: Array, *also: Array) -> Iterator[tuple[Array, ...]]:
         yield x[start:stop], y[start:stop], *(values[start:stop] for values in also)
 
 
-def by_column(x: Array, y: Array) -> NDArray[np.intp]:
+def by_column(x: Array, y: Array, *, ends: bool = True) -> NDArray[np.intp]:
     """Return the indices of the first, lowest, highest and last point of each pixel column.
 
-    Positions are in px, x not decreasing. The picture stays the same to the pixel (M4, Jugel et al. 2014).
+    Positions are in px, x not decreasing. The picture stays the same to the pixel (M4, Jugel et al. 2014);
+    without the `ends` of columns it has the extremes.
     """
     columns = np.floor(x).astype(np.int64)
     starts = np.flatnonzero(np.diff(columns, prepend=columns[0] - 1))
@@ -316,7 +326,8 @@ def by_column(x: Array, y: Array) -> NDArray[np.intp]:
     stops = np.append(starts[1:], len(x))
     owner = np.repeat(np.arange(len(starts)), stops - starts)
     kept = np.zeros(len(x), dtype=bool)
-    kept[starts] = kept[stops - 1] = True
+    kept[starts] = kept[stops - 1] = ends
+    kept[[0, -1]] = True
     for extreme in (np.minimum, np.maximum):
         hits = np.flatnonzero(y == extreme.reduceat(y, starts)[owner])
         kept[hits[_firsts(owner[hits])]] = True
@@ -355,10 +366,10 @@ def straightened(x: Array, y: Array, near: float = NEAR) -> NDArray[np.intp]:
     return np.array([*kept, count - 1])
 
 
-def decimated(x: Array, y: Array, near: float = NEAR) -> tuple[Array, Array]:
+def decimated(x: Array, y: Array, near: float = NEAR, column: float = 1.0) -> tuple[Array, Array]:
     """Return the decimated points of a line, px; one that goes back in x keeps a point every 0.5 px."""
     if len(x) > 2 and np.all(np.diff(x) >= 0):
-        kept = by_column(x, y)
+        kept = by_column(x / column, y, ends=column == 1)
         x, y = x[kept], y[kept]
         kept = straightened(x, y, near)
         return x[kept], y[kept]
