@@ -30,7 +30,8 @@ def quantity(value: float, error: float | None = None) -> str:
         return "-" if math.isnan(value) else ("∞" if value > 0 else "-∞")
     size = abs(value)
     if size and not 1e-4 <= size < 1e7:
-        return f"{value:.4g}"
+        digits = _exponent(value, 15) + 1 - _exponent(error, 1) if error and error < size else 0
+        return f"{value:.{min(15, digits)}e}" if digits > 4 else f"{value:.4g}"
     step = min(error, size / 100) / 10 if error else size / 1e3
     decimals = -math.floor(math.log10(step)) if step else 0
     if error:

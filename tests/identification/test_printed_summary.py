@@ -387,3 +387,10 @@ def test_percentages_have_two_digits_trailing_zeros_included(value, text):
 )
 def test_units_are_written_as_in_figures(unit, text):
     assert unit_text(unit) == text
+
+
+def test_a_large_value_has_the_digits_of_a_small_error():
+    assert quantity(25_999_440.0, 210.0) == "2.599944e+07"
+    assert quantity(73_066_000.0, 50e3) == "7.307e+07"
+    assert quantity(4e9, 4e9) == quantity(4e9) == "4e+09"
+    assert quantity(3.1e-9, 1e-15) == "3.1000000e-09"

@@ -186,7 +186,8 @@ def test_the_screen_has_parameters_bounds_modes_and_the_graph(result):
     assert heading.split()[3:] == ["R", "J"]  # a gain moves no pole
     assert re.search(r"poles +-", screen)
     assert screen.count("left out:") == 1
-    assert "left out: 3 of 5 values; 1 of 3 estimation methods" in screen
+    assert "left out: 3 of 5 values: L, motor, b (" in " ".join(screen.split())
+    assert "estimation methods" not in screen
     assert "3 of 5 values: L, motor, b" in summary(result, "", trace=True)
     assert all(len(line) <= 140 for line in screen.splitlines() if "warning" not in line)
 

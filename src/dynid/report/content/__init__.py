@@ -77,7 +77,10 @@ def _expectations(result: Result) -> Iterator[ReportSection]:
 
 
 def _scope(result: Result) -> Iterator[ReportSection]:
-    """Yield the parts of the scene that the model includes and omits, with the reasons."""
+    """Yield the parts of the scene that the model includes and omits, with the reasons.
+
+    A brief screen lists parts of the model alone, not engines and what was not requested.
+    """
     group = next((path.rpartition("/")[0] for path in result if path.endswith("/need/part")), None)
     if group is None:
         return
@@ -90,16 +93,22 @@ def _scope(result: Result) -> Iterator[ReportSection]:
         name = _PARTS_IN_WORDS.get((result.kind, section)) or _PARTS_IN_WORDS.get(("", section), str(section))
         rows.append((name, f"{int(kept):,}", f"{int(left):,}", names, str(why)))
         if left:
-            brief.append(f"{left:,} of {kept + left:,} {name}")
-            full.append(f"{brief[-1]}{f': {names}' if names and section != 'results' else ''} ({why})")
+            count, listed_names = f"{left:,} of {kept + left:,} {name}", names and section != "results"
+            full.append(f"{count}{f': {names}' if listed_names else ''} ({why})")
+            if not section.startswith("engines") and str(why) != "not requested":
+                brief.append((count, full[-1]))
     heads = ("", "included", "omitted", "", "reason")
     yield ReportSection("Model scope", (TextTable(heads, tuple(rows)),))
     text = f"left out: {'; '.join(full) or 'nothing'}"
     yield ReportSection("Omitted", (Statement(text),), "", screen="", detail="trace")
+    if not brief:
+        return
+    text = f"left out: {'; '.join(in_full for _, in_full in brief)}"
     if len(text) > _LINE:
-        while len("; ".join(brief)) > _PARTS and len(brief) > 1:
-            brief[-2:] = ["…"]
-        text = f"left out: {'; '.join(brief)}; why: -v, or dynid show --trace"
+        counts = [count for count, _ in brief]
+        while len("; ".join(counts)) > _PARTS and len(counts) > 1:
+            counts[-2:] = ["…"]
+        text = f"left out: {'; '.join(counts)}; why: -v, or dynid show --trace"
     yield ReportSection("Omitted", (Statement(text),), "", screen="", detail="brief")
 
 

@@ -106,6 +106,8 @@ def _graph(result: Result, remarks: list[str], warnings: list[str]) -> Iterator[
     blocks: list[Block] = []
     if "nodes" in about:
         size = f"{counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"
+        if "bond_graph/margins/loop" in result:
+            size += ", controllers and their delays included"
         blocks = [on_page(definitions(("size", size), ("engine", reason))), on_screen(Statement(size))]
     if engine not in ("", "exact") or "decides" in reason:
         blocks.append(on_screen(Statement(f"{engine} engine: {reason}")))

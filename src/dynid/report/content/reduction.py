@@ -98,7 +98,13 @@ def remarks(result: Result) -> Iterator[Statement]:
     if rigid:
         yield Statement(f"{_span(rigid)}: of the rigid body, {unit.symbol} = 0")
     for name in _names(result):
-        masters = _of(result, name, "masters")
+        masters, coordinates = (_of(result, name, array) for array in ("masters", "coordinate"))
+        residuals = sum(str(coordinate).startswith("residual_") for coordinate in coordinates)
+        if residuals:
+            modes = counted(len(coordinates) - len(masters) - residuals, "mode")
+            vectors = counted(residuals, "residual vector")
+            text = f"{modes} and {vectors}, of loads on joints, sensors and inputs (residuals: [] for none)"
+            yield Statement(text, head=f"{name}:")
         if len(masters):
             dofs = result["reduction/dof"].data[masters - 1]
             few = ", ".join(map(str, dofs[:12])) + (", …" if len(masters) > 12 else "")
