@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from fractions import Fraction
+from functools import cached_property
 from itertools import accumulate
 from typing import Any, NamedTuple
 
@@ -161,19 +162,25 @@ class SampledEquations:
 
     def _exponential(self, time: Fraction, bits: int) -> Rows:
         """Return rows of e^(At) beside its integral times B, in balls."""
-        from flint import arb, arb_mat
+        from flint import arb_mat
 
         if not self.plant.A:
             return []
         if (time, bits) not in self._exponentials:
-            inputs = len(self.plant.D)
-            n = len(self.plant.A)
-            rows = zip(self._balls(self.plant.A, bits), self._balls(self.plant.B, bits), strict=True)
-            joint = arb_mat([*([*a, *b] for a, b in rows), *([[0] * (n + inputs)] * inputs)])
             if len(self._exponentials) >= _KEPT_EXPONENTIALS:
                 self._exponentials.clear()
-            self._exponentials[time, bits] = (joint * arb(as_fmpq(time))).exp().tolist()[:n]
+            E = arb_mat(self._joint * as_fmpq(time)).exp().tolist()
+            self._exponentials[time, bits] = E[: len(self.plant.A)]
         return self._exponentials[time, bits]
+
+    @cached_property
+    def _joint(self) -> Any:
+        """A beside B, above zeros (flint `fmpq_mat`)."""
+        from flint import fmpq_mat
+
+        n, inputs = len(self.plant.A), len(self.plant.D)
+        rows = [[*a, *b] for a, b in zip(self.plant.A, self.plant.B, strict=True)]
+        return fmpq_mat([*rows, *([[0] * (n + inputs)] * inputs)])
 
 
 def _matrix(rows: Rows, width: int) -> Any:
