@@ -220,11 +220,16 @@ def test_points_and_their_joints_are_refused(tmp_path, old, new, said):
     assert fault(tmp_path, FRAME.replace(old, new)).startswith(said)
 
 
-def test_a_third_axis_that_agrees_changes_nothing(tmp_path):
-    axes = "{x: 1}, axes: {x: [1, 1, 0], y: [0, 1, 0]}"
+@pytest.mark.parametrize(
+    "axes",
+    ["x: [1, 1, 0], y: [0, 1, 0], z: [0, 0, 7]", "x: [1e90, 1e90, 0], y: [0, 1e-200, 0], z: [0, 0, 1e-200]"],
+)
+def test_axes_are_directions_of_any_length_and_a_third_that_agrees_changes_nothing(tmp_path, axes):
     two, three = (
-        structure_of(loaded(tmp_path, FRAME.replace("{x: 1}", one))).with_joints()[2]
-        for one in (axes, axes.replace("y: [0, 1, 0]", "y: [0, 1, 0], z: [0, 0, 7]"))
+        structure_of(loaded(tmp_path, FRAME.replace("{x: 1}", f"{{x: 1}}, axes: {{{each}}}"))).with_joints()[
+            2
+        ]
+        for each in ("x: [1, 1, 0], y: [0, 1, 0]", axes)
     )
     np.testing.assert_array_equal(two, three)
 

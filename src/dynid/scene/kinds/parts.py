@@ -168,21 +168,27 @@ def _axes(name: str, axes: Axes | AxesModel) -> Array:
     """Return the directions of a frame as rows; of named ones y is made orthogonal to x."""
     if isinstance(axes, list):
         return np.array([_vector(row) for row in axes])
-    x, y = np.array(_vector(axes.x)), np.array(_vector(axes.y))
+    x, y = _direction(axes.x), _direction(axes.y)
     z = np.cross(x, y)
-    if not np.linalg.norm(z) > 1e-9 * np.linalg.norm(x) * np.linalg.norm(y):
+    if not np.linalg.norm(z) > 1e-9:
         problem = f"the axes x and y of joint {name} are parallel"
         raise UsageError(problem, remedy="Give others.", names=(f"joints.{name}.axes",))
+    z /= np.linalg.norm(z)
+    if axes.z is not None and not _direction(axes.z) @ z > 1 - 1e-6:
+        raise UsageError(
+            f"the axis z of joint {name} is not orthogonal to x and y, or points the other way",
+            remedy="Leave it out: it is their cross product.",
+            names=(f"joints.{name}.axes",),
+        )
     rows = np.array([x, np.cross(z, x), z])
-    if axes.z is not None:
-        third = np.array(_vector(axes.z))
-        if not third @ z > (1 - 1e-6) * np.linalg.norm(third) * np.linalg.norm(z):
-            raise UsageError(
-                f"the axis z of joint {name} is not orthogonal to x and y, or points the other way",
-                remedy="Leave it out: it is their cross product.",
-                names=(f"joints.{name}.axes",),
-            )
     return np.asarray(rows / np.linalg.norm(rows, axis=1)[:, None])
+
+
+def _direction(components: Any) -> Array:
+    """Return a unit vector of components of any size, or zeros."""
+    vector = np.array(_vector(components))
+    vector /= np.abs(vector).max() or 1.0
+    return np.asarray(vector / (np.linalg.norm(vector) or 1.0))
 
 
 def _vector(components: Any) -> tuple[float, float, float]:
