@@ -13,7 +13,7 @@ from scipy.signal import tf2ss
 
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.delay_system import DelaySystem
-from dynid.lti.method_of_steps import MAX_SEGMENTS
+from dynid.lti.method_of_steps import MAX_SEGMENTS, break_orders
 from dynid.lti.signals import (
     Chirp,
     Impact,
@@ -314,3 +314,11 @@ def test_advanced_loops_and_too_many_segments_are_refused():
 def test_a_response_beyond_double_precision_is_an_error():
     with pytest.raises(NumericalError, match="beyond double precision"):
         step(loop([1], [1, -1], [1e8], [1]), np.linspace(0, 60, 7))
+
+
+def test_orders_of_breaks_depend_on_the_structure_and_not_on_the_size_of_rates():
+    """A chain of five integrators with leaks of any size smooths by its length."""
+    for rate in (1.0, 1e-60, 1e60):
+        A = np.diag(np.full(5, -rate)) + np.diag(np.ones(4), -1)
+        chain = StateSpace(A, np.eye(5)[:, [0, 3]], np.eye(5)[[4, 0]], np.zeros((2, 2)))
+        np.testing.assert_array_equal(break_orders(chain), [[5, 2], [1, np.inf]])

@@ -430,8 +430,9 @@ def break_orders(lft: StateSpace) -> Array:
     matrices = [*lft.higher[::-1], lft.D]
     column = lft.B
     for _ in range(_MAX_BREAK_ORDER + 1):
+        column = column / np.maximum(np.abs(column).max(axis=0, initial=0.0), np.finfo(float).tiny)
         matrices.append(lft.C @ column)
-        column = lft.A @ column
+        column = lft.A @ column  # scaled: of these products only zeros count
     orders = np.full(lft.D.shape, np.inf)
     for order, matrix in enumerate(matrices, -len(lft.higher)):
         orders[(matrix != 0) & np.isinf(orders)] = order
