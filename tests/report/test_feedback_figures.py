@@ -124,6 +124,13 @@ def test_a_loop_is_drawn(controller):
             s = complex(real, imaginary)
             own = gain * (2 * np.exp(-0.1 * s) if "delay" in controller else 2 + 5 / s)
             assert abs(0.5 * s + 0.2 + own) < 1e-9 * (abs(own) + 1)
+    delay = float(result["bond_graph/margins/delay"].data[0])
+    late = f"{delay:.4g} s" if np.isfinite(delay) else "∞"
+    assert pictures["loop-bode"].caption.endswith(f", delay {late}.")
+    assert f"delay margin {late}" in pictures["loop-bode"].picture("loop-bode", "").svg
+    said = ["gain controller of ", "delay 0.1 s"] if "delay" in controller else ["PI controller of "]
+    graph = next(figure.svg for figure in figures(result) if figure.name == "bond-graph")
+    assert all(words in graph for words in said)
     assert np.isfinite(result["bond_graph/margins/Ms"].data).all()
     sections = {section.title: section for section in content(result).sections}
     (table,) = sections["Feedback loops"].blocks

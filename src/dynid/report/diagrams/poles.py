@@ -284,22 +284,25 @@ def _open_loops(result: Result) -> Chart:
     phases, factor = followed_phases(result, _FUNCTIONS), at.unit.factor
     margins = {
         name: result[f"bond_graph/margins/{name}"].data
-        for name in ("stable", "gain", "phase", "gain_crossover", "phase_crossover")
+        for name in ("stable", "gain", "phase", "gain_crossover", "phase_crossover", "delay")
     }
     up: list[Layer] = [Curve(at.shown[[0, -1]], [0.0, 0.0], "", "grid", name="|L| = 1")]
     down, texts = list[Layer](), []
     for k, (name, response) in enumerate(curves):
         phase = degrees(response) if phases is None else phases[k]
-        gain, angle, crossover, where = (float(margins[key][k]) for key in [*margins][1:])
+        gain, angle, crossover, where, delay = (float(margins[key][k]) for key in [*margins][1:])
         if not margins["stable"][k]:
             texts.append(f"{name}: not defined (not stable)")
             continue
-        texts.append(f"{name}: gain {short(gain)}, phase {short(angle)}°")
+        late = f"{short(delay)} s" if np.isfinite(delay) else "∞"
+        texts.append(
+            f"{name}: gain {short(gain)}, phase {short(angle)}{'°' * math.isfinite(angle)}, delay {late}"
+        )
         if np.isfinite(angle) and at.omega[0] <= crossover <= at.omega[-1]:
             reached = float(np.interp(np.log(crossover), np.log(at.omega), phase))
             limits = [360 * round((reached + way + 180) / 360) - 180 for way in (-angle, angle)]
             limit = min(limits, key=lambda odd: abs(abs(reached - odd) - angle))  # a multiple of 180°
-            ends, title = [crossover * factor] * 2, f"phase margin {angle:.4g}°"
+            ends, title = [crossover * factor] * 2, f"phase margin {angle:.4g}°, delay margin {late}"
             down.append(Curve(ends, [limit, reached], "", series_class(k), name=title))
             down.append(Markers(ends[:1], [reached], "", series_class(k), "o", 4, [title]))
         if np.isfinite(gain) and gain > 0 and at.omega[0] <= where <= at.omega[-1]:

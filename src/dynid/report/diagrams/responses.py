@@ -137,7 +137,7 @@ def _bode_and_nyquist(result: Result, group: str) -> Iterator[Figure]:
         suffix = f"-{number}" if len(curves) > CURVES else ""
         same = common_unit(units[part])
         tops = [f"|{name}| {peak}" for (name, _), peak in zip(curves[part], peaks[part], strict=True)]
-        about = f"{'; '.join(tops[:3])}."
+        about = f"{'; '.join(tops)}."
         absolute = group.startswith("structure") and bool(same)
         along = phases[part] if phases is not None else None
         draw = partial(bode, about, at, curves[part], same, "magnitude", absolute=absolute, phases=along)
@@ -271,7 +271,7 @@ def _time_response(result: Result, group: str) -> Chart:
     moving = {name: values for name, values in sources.items() if np.any(np.asarray(values) != 0)}
     curves += [(n, Curve(time, values, "", series_class(6)), 90.0) for n, values in list(moving.items())[:3]]
     ranges = []
-    for name, values in shown[:3]:
+    for name, values in shown:
         both = {"linear ": values, "nonlinear ": laws[name]} if name in laws else {"": values}
         spans = [
             f"{law}{short(np.nanmin(data))} … {short(np.nanmax(data))}"

@@ -52,6 +52,7 @@ from dynid.scene.schema.raw import MULTIPORTS, PORT
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import NodeModel
+    from dynid.scene.schema.control import LoopModel
 
 
 #: Most nodes of a drawing; a larger one is unreadable.
@@ -66,8 +67,9 @@ class DrawnGraph:
 
     `port` is the bond of the source-load decomposition, if any, from the source side to the load side;
     `domains` are physical domains by node. Fields and structures are junctions in the graph, with what is
-    written in their `boxes`. `loops` are pairs of the node that is measured and the source that is driven;
-    `laws` have by node with a law the nodes whose variables the law depends on.
+    written in their `boxes`. `loops` are pairs of the node that is measured and the source that is driven,
+    whose `controllers` are described in lines; `laws` have by node with a law the nodes whose variables the
+    law depends on.
     """
 
     graph: BondGraph
@@ -77,6 +79,7 @@ class DrawnGraph:
     domains: dict[str, str]
     boxes: dict[str, str] = field(default_factory=dict)
     loops: tuple[tuple[str, str], ...] = ()
+    controllers: dict[str, list[str]] = field(default_factory=dict)
     laws: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
@@ -126,6 +129,9 @@ def _graph_of(scene: Scene) -> DrawnGraph:
     ]
     loops = model.control.loops if model.control is not None else ()
     driven = tuple((holder(loop.measured.node), loop.source) for loop in loops)
+    controllers = dict[str, list[str]]()
+    for loop in loops:
+        controllers.setdefault(loop.source, []).extend(_controller_notes(loop))
     sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
     inputs = (analysis.inputs if analysis is not None else None) or sources
     return DrawnGraph(
@@ -136,8 +142,27 @@ def _graph_of(scene: Scene) -> DrawnGraph:
         GraphUnits(graph).domains,
         boxes,
         driven,
+        controllers,
         laws,
     )
+
+
+def _controller_notes(loop: LoopModel) -> list[str]:
+    """Return the controller of a loop with its delay or sampling, and its set point, in lines."""
+    law = loop.controller
+    if law.pid is not None:
+        what = "".join(key[1].upper() for key in ("kp", "ki", "kd") if getattr(law.pid, key) is not None)
+    else:
+        what = "gain" if law.gain is not None else f"order {len(law.denominator or ()) - 1}"
+    notes = [f"{what} controller of {loop.measured}"]
+    if loop.setpoint or loop.reference:
+        notes.append(f"set point {loop.setpoint}" if loop.setpoint else f"reference {loop.reference}")
+    if law.delay is not None:
+        notes.append(f"delay {short(float(law.delay))} s")
+    if law.sample is not None:
+        wait = f", {short(float(law.computation))} s late" if law.computation is not None else ""
+        notes.append(f"every {short(float(law.sample))} s{wait}")
+    return notes
 
 
 def _variables(node: NodeModel, types: Mapping[str, str]) -> list[str] | None:
@@ -216,7 +241,9 @@ def sketch_of(drawn: DrawnGraph) -> Sketch:
             nodes.append(SketchNode(name, lines, "", "output" if ports else ""))
             continue
         domain, is_input = domains.get(name, ""), name in drawn.inputs
-        nodes.append(_sketch_node(node, domain, is_input, outputs.get(name, ()), name in drawn.laws))
+        sketched = _sketch_node(node, domain, is_input, outputs.get(name, ()), name in drawn.laws)
+        lines = (*sketched.lines, *(TextLine(note, "note") for note in drawn.controllers.get(name, ())))
+        nodes.append(replace(sketched, lines=lines))
     bonds = []
     # The causality of what is behind a box is not known here.
     strokes = {} if drawn.boxes else {(b.tail, b.head): b.stroke for b in assign_causality(graph).bonds}
