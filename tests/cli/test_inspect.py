@@ -214,6 +214,13 @@ def test_what_cannot_be_read_of_a_file_is_said_below_the_lines(dynid, tmp_path):
     assert "an element has the node 9, which is not there" in " ".join(out.split())
 
 
+def test_the_step_of_rounded_stamps_is_that_of_the_rate(inspected, tmp_path):
+    times = np.arange(2000) / 25_600
+    (tmp_path / "a.csv").write_text("time,a\n" + "".join(f"{t:.7f},1\n" for t in times))
+    entries, _ = inspected("a.csv")
+    assert entries["a"]["step"] == 1 / 25_600
+
+
 def test_what_is_no_data_file_is_refused(dynid, tmp_path):
     (tmp_path / "b.json").write_text('{"a": [1, 2]}')
     code, _, err = dynid("inspect", tmp_path / "b.json")

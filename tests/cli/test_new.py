@@ -1,9 +1,11 @@
 """Every template is a scene that runs as it is written, in an empty folder."""
 
+import re
 from importlib.resources import files
 
 import pytest
 
+from dynid.files.formats import endings_of
 from dynid.scene.netlists import read_netlist
 from tests.scene.test_netlists import MODULAR
 
@@ -76,3 +78,28 @@ def test_a_graph_out_of_a_netlist_is_the_bond_graphs_alone(dynid, folder):
     (folder / "graph.bg").write_text(MODULAR)
     assert dynid("new", "bond-graph", "--from", "graph.bg", "--no-schema")[0] == 0
     assert (folder / "bond-graph.yaml").read_text() == read_netlist("graph.bg")
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_files_and_keys_in_comments_of_a_template_are_read(name, dynid, folder):
+    """Endings beside a key are read there; a line that is commented out holds keys of its place."""
+    assert dynid("new", name, "--no-schema")[0] == 0
+    lines = (folder / f"{name}.yaml").read_text().splitlines()
+    for number, line in enumerate(lines):
+        content = ("matrices", "matrix") if "matrices" in line else ("columns", "responses", "modes")
+        for ending in re.findall(r"(?<=[ (])\.\w+(?=[ ,)]|$)", line.partition("#")[2]):
+            if not re.search("file|matrices", line, re.IGNORECASE):
+                continue
+            assert ending in endings_of(*content), line
+        hidden = re.match(r"( *)# (?=\w+: )(.*)", line)
+        if hidden is None or line.startswith("# ") or hidden[2].startswith(("or ", "also: ")):
+            continue
+        text = [*lines[:number], hidden[1] + hidden[2], *lines[number + 1 :]]
+        for below in range(number + 1, len(lines)):
+            item = re.match(r"( *)# ( +- .*)", lines[below])
+            if item is None:
+                break
+            text[below] = item[1] + item[2]
+        (folder / "a.yaml").write_text("\n".join(text))
+        err = dynid("check", "a.yaml")[2]
+        assert "is not a key" not in err, f"{line}\n{err}"

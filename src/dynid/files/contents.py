@@ -27,6 +27,8 @@ from dynid.units import unit_fits
 
 #: Rates that differ by less are one.
 _RATE_DIGITS = 9
+#: Relative differences that rounding of stamps makes: of mean and median step, of a rate and a whole one.
+_ROUNDED_STEP, _WHOLE_RATE = 0.01, 1e-6
 #: Rows of an array for each of its columns if these are channels, at least.
 _LEAST_ROWS = 4
 #: Columns that lines of a scene name.
@@ -199,12 +201,19 @@ def _recording(form: FileFormat, path: Path) -> _Listed:
 
 
 def _round_step(times: np.ndarray | None) -> float | None:
-    """Return the median step of times, that of a whole rate within rounding; None of fewer than two."""
+    """Return the step of times, that of a whole rate within rounding; None of fewer than two.
+
+    It is the mean where none is missing: stamps may be rounded to few digits.
+    """
     if times is None or len(times) < 2:
         return None
     step = float(np.median(np.diff(times)))
     if not step > 0:
         return None
+    mean = float(times[-1] - times[0]) / (len(times) - 1)
+    step = mean if abs(mean - step) < _ROUNDED_STEP * step else step
+    if abs(round(1 / step) * step - 1) < _WHOLE_RATE:
+        return 1 / round(1 / step)
     rate = round(1 / step, _RATE_DIGITS - max(0, round(float(np.log10(1 / step)))))
     return 1 / rate if rate else step
 
