@@ -189,6 +189,7 @@ def test_a_page_of_a_long_record_of_many_channels_has_all_samples_and_is_small()
     assert len(html.encode()) <= 3_000_000
     _, data = (json.loads(text) for text in Reader(html).scripts if text.startswith('{"samples"'))
     assert data["samples"] == 1
+    assert "The page has the extremes of" not in html
     group = "identification/measurement"
     measured, predicted = (result[f"{group}/{name}"].data for name in ("measured", "predicted"))
     (record, model), (residual,) = (plot["layers"] for plot in data["plots"][6:8])

@@ -258,6 +258,8 @@ def _figure(figure: Figure, space: PageSpace) -> Markup:
         tag("button", sign, type="button", data_do=do, aria_label=f"{label}: {figure.title}", title=label)
         for do, sign, label in _TOOLS
     )
+    every = 2 * picture.record.get("samples", 1)
+    thinned = f" The page has the extremes of every {every} samples, the file all." if every > 2 else ""
     tools = tag("div", *buttons, tag("output"), class_="tools no-script")
     size = _WIDTH.search(drawn)
     cls = "record" if picture.record else "wide" if size and float(size[1]) > _WIDE else None
@@ -269,7 +271,7 @@ def _figure(figure: Figure, space: PageSpace) -> Markup:
         tag("div", drawn, class_="picture", tabindex="0", role="group", aria_label=figure.title),
         json_data(picture.record) if picture.record else "",
         "" if picture.record else tools,
-        tag("figcaption", picture.caption) if picture.caption else "",
+        tag("figcaption", picture.caption, thinned) if picture.caption else "",
         tag("p", tag("a", f"All plots: {space.omitted} more", href=f"#figure-{figure.name}"))
         if space.omitted
         else figure_table(picture.table, figure.title)
