@@ -51,6 +51,8 @@ SMALL = {
     "propagation": (200, 1e-4),
     "filters": (100, 0.05),
     "estimators": (200, 2.0),
+    "wide-record": (60, 0.5),  # of noise
+    "long-record": (60, 0.5),
     "basis": (7, 0.05),
     "residuals": (5, 1e-3),
     "reduction": (300, 1e-10),
@@ -92,6 +94,8 @@ SLOW = (
 REPEATED = (
     *((name, "process-each") for name in ("study", "study-of-reductions", "study-of-identifications")),
     ("frf-joints", "whole"),
+    ("wide-record", "dynid"),
+    ("long-record", "dynid"),
     ("residuals", "residuals-auto"),
     ("residuals", "residuals-none"),
     ("estimators", "auto-numpy"),

@@ -373,3 +373,27 @@ def test_forces_too_many_for_a_table_give_the_same_pass(monkeypatch):
     without = one_pass(fits[1], origin)
     assert len(kernels._forcing(fits[1].model, fits[1].model.affine)[0]) == 0
     np.testing.assert_allclose(without.eta, with_table.eta, rtol=1e-10)
+
+
+@needs_library
+@pytest.mark.parametrize("samples", [5, 256, 600])
+def test_long_records_are_fitted_block_by_block(monkeypatch, samples):
+    """With gaps, and across the ends of blocks: what sensitivities of all samples at once give."""
+    model = suspension()
+    fits = fits_of(model, samples=samples, missing=[(2, 0), (samples - 1, 1)])
+    eta = origin_of(model)
+    plain = fits.fit(eta, fits.data.values)
+    assert fits.predicted(plain) is not None
+    monkeypatch.setattr("dynid.identification.likelihood.time_record._MAX_KEPT_NUMBERS", 0)
+    monkeypatch.setattr("dynid.identification.likelihood.time_record._MAX_BLOCK_NUMBERS", 1)
+    longer = replace(fits)
+    fit = longer.fit(eta, longer.data.values)
+    assert longer.channel_blocks() == [slice(0, 1), slice(1, 2)]
+    np.testing.assert_array_equal(fit.triangles, plain.triangles)
+    np.testing.assert_array_equal(fit.residual, plain.residual)
+    residual = longer.residual(eta)
+    np.testing.assert_allclose(residual, plain.residual, rtol=0, atol=1e-12 * fits.data.rms.max())
+    by_all = fits.predicted(plain)
+    for channel, part in longer.channelwise(fit):
+        np.testing.assert_array_equal(part.by_state[:, 0], by_all.by_state[:, channel])
+        np.testing.assert_array_equal(part.by_parameter[:, 0], by_all.by_parameter[:, channel])

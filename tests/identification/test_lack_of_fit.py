@@ -5,10 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from dynid.errors import NumericalError
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify
+from dynid.identification.likelihood.lack_of_fit import _count_beyond
 from dynid.identification.likelihood.saturated_model import (
     ChannelColumns,
     RegressorKind,
@@ -319,3 +322,14 @@ def test_columns_that_nearly_depend_on_each_other_keep_their_digits():
     found = saturated_coordinates(Regressors.of(RegressorKind.LINE, [values], 200), channel, 200.0)
     np.testing.assert_allclose(np.abs(found.residual), np.abs(Q.T @ residual), rtol=1e-5, atol=1e-6)
     assert found.left == pytest.approx(np.sum(residual**2))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 12), st.integers(0, 8), st.integers(0, 2**31 - 1))
+def test_resolved_numbers_are_counted_by_inertia(rows, columns, seed):
+    """As many as the singular values of the amplitudes off the states that exceed the level."""
+    rng = np.random.default_rng(seed)
+    U = np.linalg.qr(rng.standard_normal((rows, min(rows, columns))))[0]
+    shown = np.where(rng.random(rows) < 0.3, 0.0, 3.0 * (1 + rng.exponential(size=rows)))
+    values = np.linalg.svd((np.eye(rows) - U @ U.T) * shown, compute_uv=False)
+    assert _count_beyond(U, shown, 3.0) == np.count_nonzero(values > 3.0)

@@ -119,6 +119,8 @@ BENCHMARKS = {
     "propagation": _CatalogueEntry("propagation", 7),
     "filters": _CatalogueEntry("estimators:FILTERS", 16),
     "estimators": _CatalogueEntry("estimators:ESTIMATORS", 11),
+    "wide-record": _CatalogueEntry("long_records:WIDE_RECORD", 0),
+    "long-record": _CatalogueEntry("long_records:LONG_RECORD", 0),
     "reduction": _CatalogueEntry("reduction:PLATE", 9),
     "basis": _CatalogueEntry("reduction:BASIS", 3),
     "residuals": _CatalogueEntry("reduction:RESIDUAL_VECTORS", 2),

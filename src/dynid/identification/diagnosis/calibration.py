@@ -22,7 +22,7 @@ from dynid.identification.likelihood.record_likelihood import RecordFit, RecordL
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.frf_measurement import stacked, unstacked
 from dynid.identification.systems.parametric_model import freed_coordinates, freed_model
-from dynid.identification.systems.prediction import forced_by, free_prediction
+from dynid.identification.systems.prediction import outputs_from
 from dynid.parameters import Parameter
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
@@ -138,22 +138,30 @@ def _considered(freed: Sequence[Parameter], record: RecordLikelihood) -> tuple[l
 def _of_record(record: TimeRecord, fit: RecordFit, noise: Array) -> _CalibrationDerivatives:
     model, n, p = record.model, record.nuisances, record.model.parameters
     names, changes, columns = _by_loads(record, fit) if record.superposes else ([], [], [])
-    predicted = record.predicted(fit)
+    places: list[int] = []
     if (freed := model.freed) is not None:
         # By coordinates of considered parameters, and by the logarithms of what else is known.
         places, deviations = _considered(freed.unknowns, record)
         eta = freed_coordinates(freed.unknowns, record.unknowns, fit.eta)
-        moved = record.with_model(freed).prediction_from(eta, fit.predicted.start, model)
         names += [freed.unknowns[k].name for k in places]
         changes += deviations
-        columns += [moved.by_parameter[..., k] for k in places]
+    count = len(columns)
     if record.superposes and (late := _by_clock(record, fit)) is not None:
         names, changes, columns = [*names, CLOCK], [*changes, CLOCK_CHANGE], [*columns, late]
     measured, channels = np.nan_to_num(record.data.recorded), len(record.data.rms)
     mixed = record.colour is not None and record.colour.mixing is not None
     columns += [measured * unit for unit in np.eye(channels)] if mixed else [measured]
-    both = np.concatenate([predicted.by_parameter, np.stack(columns, axis=2)], axis=2)
-    rows = record.triangles(record.influential(fit), predicted.by_state, both)[0][..., :-1]
+    influential, blocks = record.influential(fit), []
+    beside = 0 if freed is None else 2 * len(freed.unknowns)
+    for block in record.channel_blocks(beside + len(columns)):
+        predicted = record.predicted(fit, block)
+        parts = [column[:, block, None] for column in columns]
+        if freed is not None:
+            moved = record.with_model(freed).prediction_from(eta, fit.predicted.start, model, block)
+            parts.insert(count, moved.by_parameter[..., places])
+        both = np.concatenate([predicted.by_parameter, *parts], axis=2)
+        blocks.append(record.triangles(influential[:, block], predicted.by_state, both, block)[0])
+    rows = np.concatenate(blocks)[..., :-1]
     rows *= (record.data.rms / noise)[:, None, None]
     # The gain of a channel acts on the rows of that channel alone.
     gains = -rows[..., -channels:] if mixed else -rows[..., -1:] * np.eye(channels)[:, None, :]
@@ -182,8 +190,7 @@ def _by_clock(record: TimeRecord, fit: RecordFit) -> Array | None:
         return None
     poles = np.abs(model.poles(fit.eta))
     step = _CLOCK_PHASE / max(1.0, float(poles.max(initial=0.0)) * span)
-    free, _ = free_prediction(model.clocked(step), fit.eta)
-    moved = free.forced + free.by_state @ fit.predicted.start
+    moved = outputs_from(model.clocked(step), fit.eta, fit.predicted.start, record.channel_blocks())
     return np.asarray((moved - fit.predicted.outputs) / step)
 
 
@@ -198,7 +205,9 @@ def _by_loads(record: TimeRecord, fit: RecordFit) -> tuple[list[str], list[float
         columns = [fit.predicted.outputs]
     else:
         groups = [[k for k, load in enumerate(loads) if load == name] for name in names]
-        columns = [forced_by(model, fit.eta, group) for group in groups]
+        driven = [model.driven_by(group) for group in groups]
+        blocks = record.channel_blocks()
+        columns = [outputs_from(alone, fit.eta, alone.initial, blocks) for alone in driven]
     changes, times = [GAIN_CHANGE] * len(names), model.times
     # Of channels with delays of their own the states are not at the times of what they record.
     if names and len(times) > 1 and model.sampling is None:

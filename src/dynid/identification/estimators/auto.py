@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array, finite
-from dynid.errors import DynidError
+from dynid.errors import DynidError, UsageError
 from dynid.identification.estimators.estimate import Estimate, Sweep
 from dynid.identification.estimators.filter_passes import annealed_passes, last, run_passes
 from dynid.identification.estimators.multi_start import Attempt, Search, SearchStart, drawn_starts, guided
@@ -257,6 +257,12 @@ class Auto:
         if not self.multi_start and not search.accepted:
             search.attempt("the start", partial(guided, (), origin))
         if not self.multi_start or (search.accepted and not search.vague):
+            return search.best()
+        try:
+            for record in likelihood.records:
+                record.check_whole()
+        except UsageError:  # too long for segments and ranked starts: the search ends, and says so
+            search.cut_off = True
             return search.best()
         guides = {divisor: in_segments(likelihood, divisor) for route in _ROUTES for divisor in route}
         routes: list[list[Likelihood]] = [[guides[divisor] for divisor in route] for route in _ROUTES]

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array, finite
 from dynid.defaults import EXPLAINED, LACK_OF_FIT, RESOLVED, SIGNAL
-from dynid.identification.least_squares import basis
+from dynid.identification.least_squares import basis, thin_svd
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.record_likelihood import ScatterTest
 from dynid.identification.likelihood.saturated_model import RegressorKind, SaturatedCoordinates
@@ -234,8 +234,7 @@ class ModelComparison:
             ]
             shown = np.concatenate(amplitudes)
             finite("the amplitudes of the record", shown)
-            s = np.linalg.svd(_without(U, np.diag(shown)[:, shown > 0]), compute_uv=False)
-            resolved += int(np.count_nonzero(s > RESOLVED.value))
+            resolved += _count_beyond(U, shown, RESOLVED.value)
             resolved += _resolved_poles(record, level.tolist(), amplitudes)
         for table in self.tables:
             resolved += table.values
@@ -319,6 +318,19 @@ def _range(matrix: Array) -> Array:
 def _without(U: Array, columns: Array) -> Array:
     """Return columns projected onto the complement of the range of U."""
     return np.asarray(columns - U @ (U.T @ columns))
+
+
+def _count_beyond(U: Array, shown: Array, level: float) -> int:
+    """Return how many singular values of diag(shown) (m x m), off the range of U (m x k), exceed a level.
+
+    Each of `shown` is beyond the level or 0.
+    """
+    # They are those roots of D (I - U U^T) D: as many as are positive of D^2 - level^2 I - (D U) (D U)^T, by
+    # Sylvester's law m less the negative ones of I - W^T W, W = (D^2 - level^2 I)^(-1/2) D U (m x k).
+    beyond = shown > 0
+    ratio = level / shown[beyond]
+    W = U[beyond] / np.sqrt((1 - ratio) * (1 + ratio))[:, None]
+    return len(W) - int(np.count_nonzero(thin_svd(W)[1] >= 1))
 
 
 def _resolved(channel: SaturatedCoordinates, noise: float) -> Array:

@@ -30,7 +30,7 @@ from dynid.identification.systems.nonlinear_prediction import (
     steps_needed,
 )
 from dynid.identification.systems.parametric_model import ParametricModel
-from dynid.identification.systems.prediction import Prediction, Trajectory
+from dynid.identification.systems.prediction import ALL_CHANNELS, Prediction, Trajectory
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.model import StructuralModel
@@ -99,19 +99,13 @@ class NonlinearRecord(TimeRecord):
             eta, trajectory, residual, counts, size, self.noise_in(counts, size), triangles, measured=values
         )
 
-    def predicted(self, fit: RecordFit) -> Prediction:
-        """Return the prediction of a fit with all sensitivities."""
-        key = fit.eta.tobytes() + fit.predicted.start.tobytes()
-        if key not in self._last:
-            return self._prediction(fit.eta, fit.predicted.start)[0]
-        return self._last[key]
-
-    def prediction_from(self, eta: Array, start: Array, model: ParametricModel) -> Prediction:
-        """Return the prediction at coordinates `eta` from a start in the units of another model."""
+    def prediction_from(
+        self, eta: Array, start: Array, model: ParametricModel, channels: slice = ALL_CHANNELS
+    ) -> Prediction:
+        """Return the prediction of channels at coordinates `eta` from a start in the units of a model."""
         n = model.states
-        return self._prediction(eta, np.concatenate([start[:n] * model.scale / self.model.scale, start[n:]]))[
-            0
-        ]
+        scaled = start[:n] * (model.scale / self.model.scale)
+        return self._prediction(eta, np.concatenate([scaled, start[n:]]))[0].of(channels)
 
     def residual(self, eta: Array) -> Array:
         """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""

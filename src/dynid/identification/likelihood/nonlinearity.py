@@ -49,8 +49,8 @@ TERMS = ("d|d|", "d2", "|d|v", "dv", "d3", "|v|v")
 _EVEN = ("d2", "dv")
 # Most numbers of a record's columns: of a longer record the first samples are tested.
 _MAX_NUMBERS = 30_000_000
-# Steps between which the states of the responses are carried on, so that they do not fill the memory.
-_LONGEST_RUN = 4096
+# Numbers of the states of the responses after which these are carried on: they do not fill the memory.
+_MAX_RUN_NUMBERS = 2_000_000
 # Eigenvalues of products of unit columns below this part of the largest are linear dependence, to rounding.
 _RANK_TOL = 1e-9
 # Part of a column's square that is left beside others below which it is one of them, to rounding.
@@ -203,8 +203,9 @@ def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: A
     gains = model.instruments.numbers(model.instruments.gains, named(record.unknowns, fit.eta)).value
     responses = (gains[:, None] * joints.direct)[None, :, :, None] * forces[:, None]
     state = np.zeros((forces[0].size, n))
-    for first in range(0, len(forces) - 1, _LONGEST_RUN):
-        last = min(first + _LONGEST_RUN, len(forces) - 1)
+    longest = max(1, _MAX_RUN_NUMBERS // (n * count * len(TERMS)))
+    for first in range(0, len(forces) - 1, longest):
+        last = min(first + longest, len(forces) - 1)
         now, change = forces[first:last, ..., None], np.diff(forces[first : last + 1], axis=0)[..., None]
         forcing = now * held.T[:, None] + change * ramp.T[:, None]
         states = recurrence(Phi, forcing.reshape(last - first, -1, n), state)
@@ -237,15 +238,15 @@ def _columns(
     structure; `variances`: those that channels are weighted by, default: what is left of them.
     `coloured`: the residuals are whitened.
     """
-    predicted, p, n = record.predicted(fit), record.model.parameters, record.model.states
+    p, n = record.model.parameters, record.model.states
     rows, width = slice(0, len(responses)), responses.shape[2]
     there = ~np.isnan(fit.residual[rows])
     total, sizes = np.zeros((n + p + width + 1,) * 2), np.zeros(n + p + width + 1)
     squares, degrees, weights = np.zeros(width), 0.0, np.ones(len(record.data.rms))
     basis = _range(shared) if there.all() else None
-    for c, rms in enumerate(record.data.rms):
-        present = there[:, c]
-        parts = predicted.by_state[rows, c], predicted.by_parameter[rows, c], responses[:, c]
+    for c, predicted in record.channelwise(fit):
+        rms, present = record.data.rms[c], there[:, c]
+        parts = predicted.by_state[rows, 0], predicted.by_parameter[rows, 0], responses[:, c]
         own = np.column_stack([*parts, fit.residual[rows, c]])
         own[~present] = 0.0
         of_channel = shared if basis is None else shared * present[:, None]

@@ -395,8 +395,8 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
         size=R[np.arange(len(places)), places],
         measured=R[:, -2],
         residual=R[:, -1],
-        by_state=R[:, first + 1 + p : last],
-        by_parameter=R[:, first + 1 : first + 1 + p],
+        by_state=R[:, first + 1 + p : last].copy(),  # without the columns between
+        by_parameter=R[:, first + 1 : first + 1 + p].copy(),
         count=count,
         energy=float(np.sum(channel.measured**2)),
         left=float(np.sum(channel.residual**2)),

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -35,8 +35,9 @@ from dynid.identification.residual_tests import spectrum
 from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.known_inputs import NONE_LEFT_OUT, KnownSamples, known_samples
 from dynid.identification.systems.linear_system import LinearSystem
-from dynid.identification.systems.parametric_model import ParametricModel
+from dynid.identification.systems.parametric_model import ParametricModel, check_sensitivities
 from dynid.identification.systems.prediction import (
+    ALL_CHANNELS,
     Free,
     Prediction,
     Trajectory,
@@ -49,10 +50,15 @@ from dynid.lti.recurrence import recurrence
 from dynid.parameters import rates, starts, values
 from dynid.structure.ports import Channel
 
+if TYPE_CHECKING:
+    from dynid.identification.systems.kernels import FirstState
+
 # The prior lets every channel be this many times larger than measured.
 _PRIOR_WIDTH = 10.0
 # Numbers of the largest sensitivities that are kept from a fit for the tests of it.
 _MAX_KEPT_NUMBERS = 1_000_000
+# Most numbers of sensitivities that are held at once, of a block of channels or of steps: 32 MB.
+_MAX_BLOCK_NUMBERS = 4_000_000
 # Fewest evaluations that a search may take: those that rank one round of starts.
 _MIN_RECORD_EVALUATIONS = 256
 #: Rows of a history, at the most.
@@ -194,44 +200,77 @@ class TimeRecord(RecordLikelihood):
         """
         model = self.model
         self.system_model.evaluations += 1
-        moving = model.sampling is not None or model.instruments.unknown_delays
-        if self.colour is None and not moving and kernels_used(model):
+        predicted: Prediction | None = None
+        if self._fitted_in_blocks:
             from dynid.identification.systems import kernels
 
-            weights = np.ones(len(self.data.rms)) if noise is None else self.data.rms / noise
-            fitted = kernels.fitted(model, eta, values, self.data.rms, weights, self.root, STATE_RANK)
+            kept = values.size * model.states <= _MAX_KEPT_NUMBERS
+            fitted = kernels.fitted(model, eta, values, self._first_state(noise), kept=kept)
             x0, residual, triangles, counts = fitted.start, fitted.residual, fitted.factors, fitted.counts
-            predicted = Prediction(fitted.outputs, fitted.states, fitted.by_parameter, fitted.by_state)
+            assert triangles is not None
+            trajectory = Trajectory(fitted.outputs, fitted.states, x0)
+            if fitted.by_state is not None and fitted.by_parameter is not None:
+                predicted = Prediction(*trajectory[:2], fitted.by_parameter, fitted.by_state)
         else:
             free, steps = free_prediction(model, eta)
             x0 = self._start(self._rows(free, values)[0], noise)
             predicted = prediction(model, eta, x0, free, steps)
             residual = values - predicted.outputs
             triangles, counts = self.triangles(residual, predicted.by_state, predicted.by_parameter)
+            trajectory = Trajectory(predicted.outputs, predicted.states, x0)
         self._last.clear()
-        if predicted.by_state.size <= _MAX_KEPT_NUMBERS:
+        if predicted is not None and predicted.by_state.size <= _MAX_KEPT_NUMBERS:
             self._last[eta.tobytes() + x0.tobytes()] = predicted
         size = np.sqrt(np.einsum("cr,cr->c", triangles[..., -1], triangles[..., -1]) / counts) * self.data.rms
-        trajectory = Trajectory(predicted.outputs, predicted.states, x0)
         level = self.noise_in(counts, size)
         return RecordFit(eta, trajectory, residual, counts, size, level, triangles, measured=values)
 
-    def predicted(self, fit: RecordFit) -> Prediction:
-        """Return the prediction of a fit with all sensitivities: that of the fit itself, if kept."""
+    @property
+    def _fitted_in_blocks(self) -> bool:
+        """True if the compiled fit does all: of white noise, at times that do not move."""
+        moving = self.model.sampling is not None or self.model.instruments.unknown_delays
+        return self.colour is None and not moving and kernels_used(self.model)
+
+    def _first_state(self, noise: Array | None) -> FirstState:
+        """Return how the first state is fitted, channels weighted by `noise` (channels) or their RMS."""
+        from dynid.identification.systems.kernels import FirstState
+
+        rms = self.data.rms
+        return FirstState(rms, np.ones(len(rms)) if noise is None else rms / noise, self.root, STATE_RANK)
+
+    def check_whole(self) -> None:
+        """Refuse the record (UsageError) if the sensitivities of all samples and channels are too many."""
+        check_sensitivities(*self.data.values.shape, self.nuisances)
+
+    def channel_blocks(self, beside: int = 0) -> list[slice]:
+        """Return the channels whose sensitivities are held at once; all where they depend on each other.
+
+        `beside`: number of further columns of each.
+        """
+        channels = len(self.data.rms)
+        size = channels
+        if self._fitted_in_blocks and self.superposes:
+            numbers = len(self.data.values) * (self.nuisances + self.model.parameters + beside)
+            size = max(1, _MAX_BLOCK_NUMBERS // numbers)
+        return [slice(first, min(first + size, channels)) for first in range(0, channels, size)]
+
+    def predicted(self, fit: RecordFit, channels: slice = ALL_CHANNELS) -> Prediction:
+        """Return the prediction of channels with all sensitivities: that of the fit itself, if kept."""
         key = fit.eta.tobytes() + fit.predicted.start.tobytes()
         if key not in self._last:
-            free, steps = free_prediction(self.model, fit.eta)
-            return prediction(self.model, fit.eta, fit.predicted.start, free, steps)
-        return self._last[key]
+            return self.prediction_from(fit.eta, fit.predicted.start, self.model, channels)
+        return self._last[key].of(channels)
 
     def with_model(self, model: ParametricModel) -> Self:
         """Return the likelihood of the same record with another model of the same states."""
         return replace(self, model=model)
 
-    def prediction_from(self, eta: Array, start: Array, model: ParametricModel) -> Prediction:
-        """Return the prediction at coordinates `eta` from a start in the units of another model."""
-        free, steps = free_prediction(self.model, eta)
-        return prediction(self.model, eta, start * model.scale / self.model.scale, free, steps)
+    def prediction_from(
+        self, eta: Array, start: Array, model: ParametricModel, channels: slice = ALL_CHANNELS
+    ) -> Prediction:
+        """Return the prediction of channels at coordinates `eta` from a start in the units of a model."""
+        free, steps = free_prediction(self.model, eta, channels)
+        return prediction(self.model, eta, start * (model.scale / self.model.scale), free, steps, channels)
 
     def state_slopes(self, fit: RecordFit) -> Array | None:  # noqa: ARG002
         """Return the derivatives of the states (times x n, scaled) by first states and coordinates (… x q).
@@ -271,6 +310,7 @@ class TimeRecord(RecordLikelihood):
         requested = self.requested_noise
         if requested is None:
             return self
+        self.check_whole()
         predicted = self.predicted(fit)
         root = initial_root(
             self, fit, np.maximum(fit.noise, np.finfo(float).eps * self.data.rms), root_of_parameters
@@ -304,6 +344,8 @@ class TimeRecord(RecordLikelihood):
 
     def residual_rms_at(self, eta: Array) -> Array:
         """Return the RMS of the residuals, whitened, at these coordinates (channels)."""
+        if self._fitted_in_blocks:
+            return root_mean_square(self.residual(eta))
         self.system_model.evaluations += 1
         rows, counts = self._rows(free_prediction(self.model, eta)[0], self.data.values)
         left = rows[..., -1] - rows[..., :-1] @ (self._start(rows, None) - self.model.initial)
@@ -343,6 +385,11 @@ class TimeRecord(RecordLikelihood):
     def residual(self, eta: Array) -> Array:
         """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""
         self.system_model.evaluations += 1
+        if self._fitted_in_blocks:
+            from dynid.identification.systems.kernels import fitted
+
+            first = self._first_state(None)
+            return fitted(self.model, eta, self.data.values, first, factors=False).residual
         free, _ = free_prediction(self.model, eta)
         x0 = self._start(self._rows(free, self.data.values)[0], None)
         return np.asarray(self.data.values - free.forced - free.by_state @ x0)
@@ -416,18 +463,25 @@ class TimeRecord(RecordLikelihood):
             self._shared[key] = shared
         return self._shared[key]
 
+    def channelwise(self, fit: RecordFit) -> Iterator[tuple[int, Prediction]]:
+        """Yield the channels with their predictions, as many at once as memory allows."""
+        for block in self.channel_blocks():
+            predicted = self.predicted(fit, block)
+            for k, c in enumerate(range(block.start, block.stop)):
+                yield c, predicted.of(slice(k, k + 1))
+
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
         assert fit.measured is not None
-        predicted, white = self.predicted(fit), self.data.passed == 1
-        shared = self.shared_regressors(fit)
+        white, shared = self.data.passed == 1, self.shared_regressors(fit)
         coordinates = []
-        for c, rms in enumerate(self.data.rms):
+        for c, predicted in self.channelwise(fit):
+            rms = self.data.rms[c]
             there = ~np.isnan(fit.residual[:, c])
-            outputs, residual = predicted.outputs[:, c] / rms, fit.residual[:, c] / rms
+            outputs, residual = predicted.outputs[:, 0] / rms, fit.residual[:, c] / rms
             measured = np.nan_to_num(fit.measured[:, c]) / rms
-            by_state = np.ascontiguousarray(predicted.by_state[:, c]) @ (self.root / rms)
-            by_parameter, regressors_of_channel = predicted.by_parameter[:, c] / rms, shared
+            by_state = np.ascontiguousarray(predicted.by_state[:, 0]) @ (self.root / rms)
+            by_parameter, regressors_of_channel = predicted.by_parameter[:, 0] / rms, shared
             if not there.all():
                 outputs, residual = np.where(there, outputs, 0.0), np.where(there, residual, 0.0)
                 by_state, by_parameter = by_state * there[:, None], by_parameter * there[:, None]
@@ -462,9 +516,12 @@ class TimeRecord(RecordLikelihood):
         return rows.reshape(-1, rows.shape[-1])
 
     def triangles(
-        self, residual: Array, by_state: Array, by_parameter: Array
+        self, residual: Array, by_state: Array, by_parameter: Array, channels: slice = ALL_CHANNELS
     ) -> tuple[Array, NDArray[np.int_]]:
-        """Return the triangles (channels x w x w) of derivatives and residuals, and counts of the latter."""
+        """Return the triangles (channels x w x w) of derivatives and residuals, and counts of the latter.
+
+        `channels`: those that the columns are of; where the noise is coloured, all.
+        """
         if self.colour is not None:
             both = np.concatenate([by_state, by_parameter, np.nan_to_num(residual)[..., None]], axis=2)
             present, n = ~np.isnan(residual), by_state.shape[2]
@@ -474,9 +531,9 @@ class TimeRecord(RecordLikelihood):
         if kernels_used(self.model):
             from dynid.identification.systems.kernels import triangles
 
-            return triangles(by_state, by_parameter, residual, self.data.rms)
+            return triangles(by_state, by_parameter, residual, self.data.rms[channels])
         rows = np.concatenate([by_state, by_parameter, residual[..., None]], axis=2)
-        rows /= self.data.rms[:, None]
+        rows /= self.data.rms[channels, None]
         missing = np.isnan(residual)
         rows[missing] = 0.0
         return triangular_factors(rows), np.count_nonzero(~missing, axis=0)
@@ -522,7 +579,8 @@ def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, root_of_p
     by_eta, columns = root[n:].T, root[:n].T
     x = fit.predicted.start
     out = [_sizes(columns[None])] if stored[0] else []
-    for first, last, k in runs(model.line.which):
+    longest = max(1, _MAX_BLOCK_NUMBERS // (4 * n * (n + len(fit.eta))))  # and copies
+    for first, last, k in runs(model.line.which, longest):
         step, slopes = transitions[k]
         Phi, W = step[:, :n], model.W[first:last]
         path = recurrence(Phi, (W @ step[:, n:].T)[:, None], x[None])[:, 0]

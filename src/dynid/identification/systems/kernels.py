@@ -248,41 +248,60 @@ class _Fitted(NamedTuple):
     outputs: Array
     residual: Array
     states: Array
-    by_state: Array
-    by_parameter: Array
-    factors: Array
+    by_state: Array | None
+    by_parameter: Array | None
+    factors: Array | None
     counts: NDArray[np.int64]
 
 
-def fitted(
-    model: ParametricModel, eta: Array, values: Array, rms: Array, weights: Array, root: Array, rank: float
-) -> _Fitted:
-    """Return the fit of a record at coordinates (p).
+class FirstState(NamedTuple):
+    """How the first state is fitted.
 
-    `model`, `eta`: model and coordinates; `values`: values of the record (times x channels), NaN where
-    missing. `rms`, `weights`: what each channel is divided by, and then multiplied with for the first state
-    (channels); `root`: root of the prior covariance of the first state (n x n). `rank`: singular values of
-    the derivatives by the first state below this part of the largest are none. Raises NumericalError if the
-    derivatives by the first state leave the range of double precision.
+    `rms`, `weights` (channels): what each channel is divided by, and then multiplied with; `root`: root of
+    the prior covariance of the state (n x n). `rank`: singular values of the derivatives by the state below
+    this part of the largest are none.
+    """
+
+    rms: Array
+    weights: Array
+    root: Array
+    rank: float
+
+
+def fitted(
+    model: ParametricModel,
+    eta: Array,
+    values: Array,
+    first: FirstState,
+    *,
+    kept: bool = True,
+    factors: bool = True,
+) -> _Fitted:
+    """Return the fit of a record to `values` (times x channels), NaN where missing, at coordinates (p).
+
+    `kept`: derivatives are kept, else held block by block; `factors`: False: first state and residuals are
+    all that is computed. Raises NumericalError if the derivatives by the first state leave the range of
+    double precision.
     """
     (samples, channels), n, p = values.shape, model.states, model.parameters
+    kept = kept and factors
     fit = _Fitted(
         np.empty(n),
         np.empty((samples, channels)),
         np.empty((samples, channels)),
-        np.empty((samples, n)),
-        np.empty((samples, channels, n)),
-        np.empty((samples, channels, p)),
-        np.zeros((channels, n + p + 1, n + p + 1)),
+        np.empty((samples if factors else 0, n)),
+        np.empty((samples, channels, n)) if kept else None,
+        np.empty((samples, channels, p)) if kept else None,
+        np.empty((channels, n + p + 1, n + p + 1)) if factors else None,
         np.zeros(channels, dtype=np.int64),
     )
     read = structure(
         values=plain(values),
-        rms=plain(rms),
-        weights=plain(weights),
+        rms=plain(first.rms),
+        weights=plain(first.weights),
         initial=plain(model.initial),
-        root=plain(root),
-        rank=rank,
+        root=plain(first.root),
+        rank=first.rank,
     )
     arguments = outputs(model, eta), read, structure(**fit._asdict())
     missed = model.affine is None

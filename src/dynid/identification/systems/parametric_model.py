@@ -27,6 +27,7 @@ from dynid.lti.exponential import balance, exponential, exponential_with_derivat
 from dynid.lti.signals import Derivative, Sampled, Shifted, Signal
 from dynid.lti.state_space import Matrices
 from dynid.lti.time_response import Timeline, check_phase, drive_scale, joint_generator, timeline
+from dynid.native import compiled
 from dynid.parameters import Parameter, named, rates, values
 from dynid.structure.model import StructuralModel
 
@@ -354,7 +355,11 @@ def model_of_system(
     initials, prescribed = system.prescribed(float(line.nodes[0]))
     if prescribed.any() and any(load.delay for load in loads):
         raise UsageError("a prescribed motion cannot be delayed", names=("excitation",))
-    _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), len(channels) * len(d) * len(times) * 2)
+    in_blocks = compiled() and sampling is None and not instruments.unknown_delays
+    if in_blocks:  # sensitivities are held in blocks of samples, or of channels
+        _check_numbers(len(line.nodes) * len(d) + _COPIES * len(channels) * len(times))
+    else:
+        check_sensitivities(len(times), len(channels), len(d), len(line.nodes) * len(d) * (1 + len(unknowns)))
     length = max(float(np.ptp(line.nodes)), 1.0)
     state_root, gains = system.prior(starts, length), instruments.numbers(instruments.gains, starts).value
     state_root[prescribed] = 0.0
@@ -525,9 +530,13 @@ def _scaled(matrices: Matrices, d: Array) -> Matrices:
     )
 
 
-def _check_cost(nodes: int, states: int, sensitivities: int) -> None:
+def check_sensitivities(samples: int, channels: int, states: int, beside: int = 0) -> None:
+    """Refuse a record whose sensitivities would not fit into memory at once, with so many numbers beside."""
+    _check_numbers(beside + _COPIES * 2 * channels * states * samples)
+
+
+def _check_numbers(numbers: int) -> None:
     """Refuse a record that would not fit into memory, before any work on it."""
-    numbers = nodes * states + _COPIES * sensitivities
     if numbers > _MAX_SENSITIVITY_NUMBERS:
         raise UsageError(
             f"the record is too large: its sensitivities take {8e-9 * numbers:.2g} GB, "

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array
-from dynid.identification.systems.parametric_model import ParametricModel, Transition
+from dynid.identification.systems.parametric_model import DirectTerm, ParametricModel, Transition
 from dynid.lti.recurrence import free_response, recurrence
 from dynid.native import compiled
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 Steps: TypeAlias = "list[Transition] | Linear"
 """The steps of all lengths at some parameters, as NumPy or as kernels have them."""
 
+ALL_CHANNELS = slice(None)
 # Runs are cut at so many steps: work arrays do not grow with the record.
 _LONGEST_RUN = 4096
 
@@ -58,9 +59,14 @@ class Prediction(NamedTuple):
     by_parameter: Array
     by_state: Array
 
+    def of(self, channels: slice) -> Prediction:
+        """Return the prediction of some channels."""
+        parts = self.by_parameter[:, channels], self.by_state[:, channels]
+        return Prediction(self.outputs[:, channels], self.states, *parts)
 
-def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
-    """Return the prediction for every initial state, and the steps that it uses.
+
+def free_prediction(model: ParametricModel, eta: Array, channels: slice = ALL_CHANNELS) -> tuple[Free, Steps]:
+    """Return the prediction of channels for every initial state, and the steps that it uses.
 
     `eta`: coordinates of the parameters (p).
     """
@@ -70,12 +76,13 @@ def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
         from dynid.identification.systems import kernels
 
         at = kernels.steps_at(model, eta)
-        outputs, by_state = kernels.free(model, at, model.output(eta)[0], model.direct(eta).value)
+        C, direct = model.output(eta)[0][channels], model.direct(eta).value[:, channels]
+        outputs, by_state = kernels.free(model, at, C, direct)
         return Free(model.gathered(outputs), model.gathered(by_state)), at
     transitions = [model.transition(eta, h) for h in line.lengths]
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     forced = np.zeros((len(line.nodes), n))
-    C, state = model.output(eta)[0], np.eye(n)
+    C, state = model.output(eta)[0][channels], np.eye(n)
     sample_of = line.sample_of()
     # Of the response to the state only that of the channels is kept: all of it would be n times as large.
     by_state = np.empty((len(line.wanted), len(C), n))
@@ -87,19 +94,32 @@ def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
         by_nodes, state = free_response(Phi, state, C, last - first)
         here = sample_of[after]
         by_state[here[here >= 0]] = by_nodes[here >= 0]
-    outputs = forced[line.wanted] @ C.T + model.direct(eta).value
+    outputs = forced[line.wanted] @ C.T + model.direct(eta).value[:, channels]
     return Free(model.gathered(outputs), model.gathered(by_state)), transitions
 
 
-def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps: Steps) -> Prediction:
+def prediction(
+    model: ParametricModel,
+    eta: Array,
+    x0: Array,
+    free: Free,
+    steps: Steps,
+    channels: slice = ALL_CHANNELS,
+) -> Prediction:
     """Return the prediction from `x0` with its sensitivities to the parameters' coordinates.
 
     `model`, `eta`: model and parameters' coordinates (p); `x0`: initial state (n), scaled. `free`, `steps`:
-    the result of `free_prediction` for the same parameters.
+    the result of `free_prediction` for the same parameters and channels.
     """
     model = model.moved(eta)
     n, p, nodes = model.states, model.parameters, len(model.line.nodes)
     (C, C_slopes), direct = model.output(eta), model.direct(eta)
+    direct_slopes = None if direct.slopes is None else direct.slopes[..., channels]
+    C, C_slopes, direct = (
+        C[channels],
+        C_slopes[:, channels],
+        DirectTerm(direct.value[:, channels], direct_slopes),
+    )
     if not isinstance(steps, list):
         from dynid.identification.systems import kernels
 
@@ -135,22 +155,24 @@ def kernels_used(model: ParametricModel) -> bool:
     return compiled() and not model.has_moving_jumps
 
 
-def forced_by(model: ParametricModel, eta: Array, loads: Sequence[int]) -> Array:
-    """Return the response to some of the loads alone, from the state that they prescribe (times x channels).
+def outputs_from(model: ParametricModel, eta: Array, start: Array, blocks: Sequence[slice]) -> Array:
+    """Return the outputs from a first state (times x channels), some blocks of channels at a time.
 
-    `model`, `eta`: model and parameters' coordinates (p); `loads`: places of the loads, from 0.
+    `model`, `eta`: model and parameters' coordinates (p); `start`: the state (n), scaled.
     """
-    driven = model.driven_by(loads)
-    free, _ = free_prediction(driven, eta)
-    return np.asarray(free.forced + free.by_state @ driven.initial)
+    parts = []
+    for channels in blocks:
+        free, _ = free_prediction(model, eta, channels)
+        parts.append(free.forced + free.by_state @ start)
+    return np.concatenate(parts, axis=1)
 
 
-def runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
+def runs(which: NDArray[np.int64], longest: int = _LONGEST_RUN) -> Iterator[tuple[int, int, int]]:
     """Return first and last node, and index of the length, of runs of intervals of one length."""
     changes = np.flatnonzero(np.diff(which)) + 1
     for begin, end in pairwise([0, *changes.tolist(), len(which)]):
-        for first in range(begin, end, _LONGEST_RUN):
-            yield first, min(first + _LONGEST_RUN, end), int(which[first])
+        for first in range(begin, end, longest):
+            yield first, min(first + longest, end), int(which[first])
 
 
 def _forcing(model: ParametricModel, gammas: list[Array]) -> Array:
