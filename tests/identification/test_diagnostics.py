@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from dynid.identification.diagnosis.posterior import ChannelOfRecord
+from dynid.identification.diagnosis.residuals import ChannelOfRecord
 from dynid.identification.diagnosis.verdict import warnings
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError

@@ -12,7 +12,7 @@ from dynid.arrays import Array, guarded
 from dynid.errors import NotIdentifiable
 from dynid.identification.diagnosis.calibration import add_calibration_slopes, calibration_slopes
 from dynid.identification.diagnosis.equivalent_optima import expected_optima
-from dynid.identification.diagnosis.posterior import channels_of_records
+from dynid.identification.diagnosis.residuals import channels_of_records
 from dynid.identification.diagnosis.symmetry import interchangeable
 from dynid.identification.diagnosis.verdict import deciding_text, interchange_text
 from dynid.identification.information import Information

@@ -11,7 +11,8 @@ import numpy as np
 from dynid.arrays import Array
 from dynid.defaults import HEAVY_TAILS, LACK_OF_FIT, OFFSET
 from dynid.identification.diagnosis.equivalent_optima import DECIDED, FLAT_DISTANCE
-from dynid.identification.diagnosis.posterior import UNCERTAIN, ChannelOfRecord, Posterior
+from dynid.identification.diagnosis.posterior import UNCERTAIN, Posterior
+from dynid.identification.diagnosis.residuals import ChannelOfRecord
 from dynid.identification.diagnosis.symmetry import interchangeable
 from dynid.identification.residual_tests import ResidualShape, is_coloured, whiteness
 from dynid.identification.statistics import chi_squared_tail
