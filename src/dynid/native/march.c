@@ -18,6 +18,7 @@
 #define MAX_LOCATIONS 12
 #define NEWTON_TOL 1e-12
 #define EVENT_TOL 1e-12
+#define GUARD_ROUND_OFF 4e-15 /* of a guard, over the sizes of what it is made of: some units in the last place */
 
 #define DONE 0
 #define NEEDS_REGIME 1
@@ -233,8 +234,14 @@ INLINE double complex times(double complex a, double complex b) {
 INLINE double real_of(double complex a, double complex b) { return creal(a) * creal(b) - cimag(a) * cimag(b); }
 
 INLINE double scalar(int64_t n, const double *a, const double *b) {
-  double sum = 0.0;
-  for (int64_t i = 0; i < n; i++) sum += a[i] * b[i];
+  Aligned even = {0}, odd = {0};
+  int64_t i = 0;
+  for (; i + 2 * WIDE <= n; i += 2 * WIDE) {
+    even += load(a + i) * load(b + i);
+    odd += load(a + i + WIDE) * load(b + i + WIDE);
+  }
+  double sum = total(even + odd);
+  for (; i < n; i++) sum += a[i] * b[i];
   return sum;
 }
 
@@ -790,6 +797,12 @@ static int first_event(const March *t, const Step *o, Event *event) {
     Guard own[GUARDS];
     const int64_t row = t->places[l], regime = t->state[l];
     const int count = guards(t, l, regime, 0.0, 0.0, 0.0, own);
+    double size_d = fabs(t->offsets[l]), size_v = 0.0, size_z = 0.0;
+    for (int j = 0; j < NODES && count; j++) {
+      size_d = fmax(size_d, fabs(o->w[j * t->nr + row]));
+      size_v = fmax(size_v, fabs(o->w[j * t->nr + t->nf + row]));
+      size_z = fmax(size_z, fabs(o->z[j * t->nl + l]));
+    }
     int located[GUARDS] = {0};
     for (int64_t i = 0; i < t->scans && count && !(any && t->scan[i] > last); i++) {
       const double *basis = t->scan_basis + i * NODES;
@@ -801,7 +814,9 @@ static int first_event(const March *t, const Step *o, Event *event) {
       }
       guards(t, l, regime, d, v, z, own);
       for (int number = 0; number < count; number++) {
-        if (located[number] || !(own[number].value < 0.0)) continue;
+        const Guard *g = own + number;
+        const double round_off = GUARD_ROUND_OFF * (fabs(g->d) * size_d + fabs(g->v) * size_v + fabs(g->z) * size_z);
+        if (located[number] || !(g->value < -round_off)) continue; /* else a slider that just stuck would slip again */
         located[number] = 1;
         const double theta = root(t, o, l, number, i ? t->scan[i - 1] : 0.0, t->scan[i]);
         if (!any || theta < event->theta) {

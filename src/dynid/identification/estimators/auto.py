@@ -204,11 +204,11 @@ def in_segments(likelihood: TimeLikelihood, divisor: int) -> Likelihood:
 # starts are chosen by the shortest. No route is the best for all records: short segments have fewer local
 # optima, but are less sensitive.
 _ROUTES = ((64, 16, 4), (16,), (64, 16, 4), (32, 4), ())
-# Joints with nonlinear laws: the first parts of the records, one in so many, that are fitted in turn.
-_GROWING = (32, 16, 8, 4, 2)
-# Starts around the given one that are tried as they are drawn, before many are ranked, which costs more than
-# these: how many, and how far from it (a factor).
-_AROUND_LAWS = (6, 5.0)
+# Joints with nonlinear laws: the first parts of the records, one in so many, that are fitted in turn; after
+# the short ones a start goes on at once where its residuals are white to this p-value, else it waits.
+_SHORT, _LONG, _GOES_ON = (32, 16, 8), (4, 2), 1e-4
+# Starts around the given one that are fitted to the short parts: how many, and how far from it (a factor).
+_AROUND_LAWS = (8, 5.0)
 # Responses: a search with the modes of a band is confirmed by an estimate of the whole model that differs by
 # less than this part of its standard errors.
 _CONFIRMED_DEVIATIONS = 0.1
@@ -284,15 +284,26 @@ class Auto:
         if not self.multi_start:
             search.attempt("the start", partial(guided, (), origin))
             return search.best()
-        route = growing(likelihood, _GROWING)
-        search.attempt("records of growing length", partial(guided, route, origin))
+        short, long = growing(likelihood, _SHORT), growing(likelihood, _LONG)
         count, reach = _AROUND_LAWS
-        for number, start in enumerate(drawn_starts(likelihood.priors, origin, count, reach, 0), 1):
+        waiting = []
+        for number, start in enumerate([origin, *drawn_starts(likelihood.priors, origin, count, reach, 0)]):
+            name = f"start {number} of {count}" if number else "records of growing length"
+            way = search.on_guides(short, start)
+            if way is None:
+                continue
+            begin = partial(search.attempt, name, partial(guided, long, way.eta), drawn=number > 0)
+            if short[-1].whiteness(way) < _GOES_ON:
+                waiting.append((short[-1].misfit(way), number, begin))
+                continue
+            begin()
             if search.accepted:
                 return search.best()
-            search.attempt(f"start {number} of {count}", partial(guided, route, start), drawn=True)
-        if not search.accepted:
-            search.draw(route[0], [route], origin)
+        for _, _, begin in sorted(waiting):
+            begin()
+            if search.accepted or search.agreed:
+                return search.best()
+        search.draw(short[0], [[*short, *long]], origin)
         return search.best()
 
     def _of_responses(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:

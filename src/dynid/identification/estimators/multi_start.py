@@ -119,6 +119,16 @@ class Search:
         judged = self._judged(likelihood, stage, fit)
         self.tried.append(Attempt(likelihood, stage, fit, sweeps, drawn, *judged))
 
+    def on_guides(self, route: Sequence[Likelihood], eta: Array) -> Fit | None:
+        """Return the fit after a few steps on each likelihood of a route; None where it fails."""
+        try:
+            with guarded("the prediction", names=self.likelihood.names):
+                eta, _ = guided(route[:-1], eta)
+                return refine(route[-1], eta, _MAX_GUIDE_STEPS).fit
+        except DynidError as error:
+            self.failure = self.failure or error
+            return None
+
     def _judged(
         self, likelihood: Likelihood, stage: EstimationStage, fit: Fit
     ) -> tuple[bool, ModelComparison | None]:

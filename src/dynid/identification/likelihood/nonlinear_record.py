@@ -41,8 +41,11 @@ _MAX_START_STEPS, _LAST_GAIN = 12, 1e-8
 # Change below which the tangent at the present first state is as good as another march: what it leaves out is
 # of second order in a step that moves the prediction by a hundredth of the residual.
 _TANGENT_GAIN = 1e-4
-# Halvings of a step to the first state that does not improve, and most steps between samples.
-_MAX_HALVINGS, _MAX_PARTS = 6, 64
+# Quarterings of a step to the first state that does not improve.
+_MAX_HALVINGS = 6
+# Parameters far from the estimate may need steps so many times shorter; a search does not go to others, whose
+# motion may be chaotic.
+_FINER = 4
 
 
 # Distance of numbers of hidden states, from -1 to 1, from which others are tried at an estimate; and the
@@ -303,11 +306,10 @@ class NonlinearRecord(TimeRecord):
             try:
                 motion = predicted(self.model, eta, start[:n], hidden.z0, steps)
                 break
-            except Refine:  # parameters far from the estimate may need shorter steps
-                steps *= 2
-                if steps > _MAX_PARTS:
+            except Refine:
+                if steps >= _FINER * self._kept["steps"]:
                     raise
-
+                steps *= 2
         by_parameter, by_state = _joined(hidden, motion.by_parameter, motion.by_state, motion.by_hidden)
         slopes = motion.state_slopes
         parts = _joined(hidden, slopes[..., :p], slopes[..., p : p + n], slopes[..., p + n :])

@@ -39,6 +39,9 @@ from dynid.structure.nonlinear.tables import (
 _MAX_EVENTS = 200
 # An event is located where its time changes by less than this part of a step: round-off of the guards.
 _EVENT_TOL = 1e-12
+# Round-off of a guard, over the sizes of what it is made of: units in the last place. Without it a slider
+# that has just stuck would slip again, and so on for ever.
+_GUARD_ROUND_OFF = 4e-15
 # Corrections of the end of a step to an event: each squares the error, and four reach round-off.
 _MAX_LOCATIONS = 12
 
@@ -54,6 +57,18 @@ class _March(MarchState):
                 out.append((index, guard.following, np.broadcast_to(guard.function.value, len(w))))
         return out
 
+    def round_offs(self, step: Step) -> list[float]:
+        """Return the round-off of the guards within a step."""
+        nf, out = self.rest.forces, []
+        for index, (law, regime) in enumerate(zip(self.laws, self.regimes, strict=True)):
+            motion = step.w[:, law.row], step.w[:, nf + law.row], step.z[:, index]
+            d, v, z = (float(np.abs(x).max()) for x in motion)
+            for guard in law.guards(regime, 0.0, 0.0, 0.0):
+                slopes = (np.abs(s).max() for s in (guard.function.d, guard.function.v, guard.function.z))
+                sizes = max(d, abs(law.offset)), v, z
+                out.append(_GUARD_ROUND_OFF * sum(s * x for s, x in zip(slopes, sizes, strict=True)))
+        return out
+
     def first_event(self, step: Step) -> _Event | None:
         """Return the earliest event of a step, located on the polynomials through its nodes."""
         if not any(law.guards(r, 0.0, 0.0, 0.0) for law, r in zip(self.laws, self.regimes, strict=True)):
@@ -61,8 +76,9 @@ class _March(MarchState):
         _, L, _ = lobatto()
         V = np.vander(SCAN, NODES, increasing=True) @ L.T
         event: _Event | None = None
-        for number, (index, following, values) in enumerate(self.guards(V @ step.w, V @ step.z)):
-            negative = np.flatnonzero(values < 0)
+        guards = zip(self.guards(V @ step.w, V @ step.z), self.round_offs(step), strict=True)
+        for number, ((index, following, values), round_off) in enumerate(guards):
+            negative = np.flatnonzero(values < -round_off)
             if not len(negative) or (event and SCAN[negative[0]] > event.high):
                 continue
             low = SCAN[negative[0] - 1] if negative[0] else 0.0

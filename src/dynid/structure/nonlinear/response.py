@@ -146,7 +146,7 @@ def _energy_residual(energy: Energy | None, motion: Motion, x0: Array, nf: int) 
     """Return the residual of the balance of energy of a motion from a first state."""
     if energy is None:
         return float("nan")
-    held = np.einsum("ti,ij,tj->t", motion.states, energy.H, motion.states, optimize=True) / 2
+    held = np.sum(motion.states @ energy.H * motion.states, axis=1) / 2
     held -= x0 @ energy.H @ x0 / 2
     laws, (loads, dampers) = motion.work[:, :nf].sum(axis=1), motion.work[:, nf:].T
     size = max(float(np.abs(term).max(initial=0.0)) for term in (held, laws, loads, dampers))

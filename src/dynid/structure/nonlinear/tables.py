@@ -204,17 +204,17 @@ class Regime:
         """Return tables by matrix exponentials joined with the polynomials of the forces."""
         c, L, _ = lobatto()
         n, nd = self.D.shape
-        size = n + NODES * nd
-        P, QD = np.empty((NODES - 1, n, n)), np.empty((NODES - 1, NODES, n, nd))
-        for e in range(1, NODES):
-            joint = np.zeros((size, size))
-            joint[:n, :n], joint[:n, n : n + nd] = self.A, self.D
-            joint[n:, n:] = np.eye(NODES * nd, k=nd) / (c[e] * h)
-            E = exponential(joint, c[e] * h)
-            P[e - 1] = E[:n, :n]
-            phi = E[:n, n:].reshape(n, NODES, nd)  # (c h) phi_(k+1) D
-            weights = L * [factorial(k) * c[e] ** k for k in range(NODES)]
-            QD[e - 1] = np.einsum("jk,ikd->jid", weights, phi)
+        joint = np.zeros((n + NODES * nd,) * 2)
+        joint[:n, :n], joint[:n, n : n + nd] = self.A, self.D
+        joint[n:, n:] = np.eye(NODES * nd, k=nd) / h
+        # Nodes are symmetric: the first, the middle, the last but one and the end are sums of two lengths.
+        first, second = exponential(joint, c[1] * h), exponential(joint, (c[2] - c[1]) * h)
+        middle = second @ first
+        after = second @ middle
+        E = np.stack([first, middle, after, first @ after])[:, :n]
+        phi = E[..., n:].reshape(NODES - 1, n, NODES, nd)  # c^(k+1) h phi_(k+1) D
+        QD = np.einsum("jk,eikd->ejid", L * [factorial(k) for k in range(NODES)], phi)
+        P = np.ascontiguousarray(E[..., :n])
         return self._assembled(h, P, QD)
 
     @cached_property
