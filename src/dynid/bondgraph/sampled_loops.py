@@ -230,7 +230,8 @@ class SampledLoops:
         rows = [[*states, *held] for states, held in zip(A, B, strict=True)]
         for j, ((above, below), timing) in enumerate(zip(self._quotients, self._timing, strict=True)):
             top, bottom = (
-                as_fmpq(sum(part) if timing.method == "z" else part[-1]) for part in (above, below)
+                as_fmpq(sum(part, Fraction(0)) if timing.method == "z" else part[-1])
+                for part in (above, below)
             )
             answer = [top * gain + (bottom if i == j else 0) for i, gain in enumerate(D[j])]
             rows.append([*(top * entry for entry in C[j]), *answer])
@@ -522,7 +523,7 @@ def _integers(polynomials: Sequence[Sequence[Any]], kept: int) -> list[Any]:
     """
     from flint import fmpz_poly
 
-    rounded = []
+    rounded: list[list[tuple[int, int]]] = []
     for polynomial in polynomials:
         rounded.append([])
         for ball in polynomial:

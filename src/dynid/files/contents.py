@@ -98,10 +98,10 @@ def contents_of(path: Path) -> _FileContents:
             "holds nothing that is read" if formats else f"{ending}, as no format does, and is no text table"
         )
         remedy = "" if formats else f"Formats end in {', '.join(_endings())}."
-        error = FileError(f"{path} {what}", remedy=remedy)
+        nothing = FileError(f"{path} {what}", remedy=remedy)
         if formats and faults:
-            error = FileError("; ".join(dict.fromkeys(faults)))
-        raise named_by_content(path, ["columns"], error, [form.name for form in formats])
+            nothing = FileError("; ".join(dict.fromkeys(faults)))
+        raise named_by_content(path, ["columns"], nothing, [form.name for form in formats])
     return _FileContents(" or ".join(dict.fromkeys(names)), entries, scene, [*dict.fromkeys(faults)])
 
 

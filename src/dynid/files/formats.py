@@ -73,16 +73,14 @@ class FileFormat:
     def naming_contents(self) -> FileFormat:
         """Return the format with readers whose errors say what a file of another format is."""
         readers = {content: getattr(self, content) for content in get_args(Content)}
-        return replace(
-            self,
-            **{
-                content: Container(*(self._naming(content, part) for part in reader))
-                if isinstance(reader, Container)
-                else self._naming(content, reader)
-                for content, reader in readers.items()
-                if reader is not None
-            },
-        )
+        naming: dict[str, Any] = {
+            content: Container(*(self._naming(content, part) for part in reader))
+            if isinstance(reader, Container)
+            else self._naming(content, reader)
+            for content, reader in readers.items()
+            if reader is not None
+        }
+        return replace(self, **naming)
 
     def _naming(self, content: Content, reader: Callable[..., Any]) -> Callable[..., Any]:
         alike: list[Content] = ["matrix", "matrices"] if content in ("matrix", "matrices") else [content]

@@ -67,7 +67,8 @@ def read_nodes(path: Path) -> NodeFile:
                 remedy="Give the bulk data of one of them (.pch, .asm), or a table of nodes (.csv).",
             )
         geometry: Mapping[str, Any] = {}
-        table, sets = None, _SETS
+        table: Any = None
+        sets: tuple[str, ...] = _SETS
         if next(iter(blocks), None) in ("SLIST", "SUPERID"):  # as pyyeti's NAS2CAM writes
             table = next(iter(stored.rdn2cop2()["uset"].values()))
         elif blocks.keys() & {"GEOM1", "GEOM1S"}:

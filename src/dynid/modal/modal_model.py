@@ -361,7 +361,8 @@ class _Pairs:
         k = factors.shape[1]
         sums = np.stack([factors @ part[:, :k].T for part in self._columns], axis=1)
         terms = (self._shares[..., :k] @ factors[:, None, :, None])[..., 0]
-        return self.data - self._weights[:, None] * sums + terms @ self._bases.transpose(0, 2, 1)
+        rest = self.data - self._weights[:, None] * sums + terms @ self._bases.transpose(0, 2, 1)
+        return np.asarray(rest)
 
 
 def _scale(information: Array) -> Array:

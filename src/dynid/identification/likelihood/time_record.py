@@ -240,7 +240,8 @@ class TimeRecord(RecordLikelihood):
 
     def check_whole(self) -> None:
         """Refuse the record (UsageError) if the sensitivities of all samples and channels are too many."""
-        check_sensitivities(*self.data.values.shape, self.nuisances)
+        samples, channels = self.data.values.shape
+        check_sensitivities(samples, channels, self.nuisances)
 
     def channel_blocks(self, beside: int = 0) -> list[slice]:
         """Return the channels whose sensitivities are held at once; all where they depend on each other.

@@ -250,8 +250,8 @@ class Chart:
     def _record(self, name: str, title: str, entries: Sequence[LegendEntry], page: PageSpace) -> Picture:
         """Draw it as a record: the legend is beside the picture, a script has the samples."""
         before = page.omitted
-        rows = [[plot] for row in self.rows for plot in row]
-        (rows,) = _fitting([rows], page, page.tallest - 2 * _ROW, self.height, _RECORD_LOWEST)
+        single = [[plot] for row in self.rows for plot in row]
+        (rows,) = _fitting([single], page, page.tallest - 2 * _ROW, self.height, _RECORD_LOWEST)
         plots = [row[0] for row in rows]
         heights = [plot.height or self.height for plot in plots]
         svg = Svg(f"{name}-first" if page.omitted > before else name, title, self.caption)
