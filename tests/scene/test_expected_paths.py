@@ -333,8 +333,12 @@ def _labels_beyond(scene, result):
         middle = len(labels) // 2
         between = [float(labels[middle - 1 : middle + 1].mean())] if len(labels) > 1 else []
         yield from ((path, dim, label) for label in (*between, labels[0] - 1e-3, labels[-1] * 1.01))
+    graph, control = getattr(scene.model, "graph", None), getattr(scene.model, "control", None)
+    uncounted = graph is not None and any(node.type == "TL" for node in graph.nodes.values())
+    uncounted |= control is not None and any(loop.controller.sample is not None for loop in control.loops)
     for path, dim, _ in _labels_of(result, COUNTS):
-        yield path, dim, 100_000
+        if not uncounted:  # lines and sampled controllers have roots of their own
+            yield path, dim, 100_000
     numbered = dict.fromkeys({*COUNTS, "step", "direction", "root", "pair", "lag"}, "")
     yield from ((path, dim, k) for path, dim, _ in _labels_of(result, numbered) for k in (0, -2, 1.5))
     exact = {} if scene.kind != "reduction" else {"mode": ("reduction/",)}
@@ -386,6 +390,7 @@ OF_DATA = {
     "identification/identifiability/interchangeable",
     *("identification/modes/directions", "identification/modes/trade_off/frequencies"),
     *("identification/modes/trade_off/shapes", "structure/complex_modes"),  # a stiffness may be complex
+    "identification/nonlinearity",  # of joints along one direction
 }
 #: Derived quantities that nobody requests are left out of large systems and of what is not converged.
 DERIVED = "identification/derived"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.graph import SOURCES, STORAGES
+from dynid.bondgraph.graph import LINE, SOURCES, STORAGES
 from dynid.errors import DynidError
 from dynid.scene.kinds.parameters import quantities, unknown_parameters
 from dynid.scene.kinds.result_layout import OF_RECORDS, RECORD, Parts, names_in
@@ -238,14 +238,19 @@ def _times(scene: Scene, parts: Parts) -> NDArray[np.float64] | None:
 
 
 @lru_cache(maxsize=1)
-def _records(scene: Scene[IdentificationScene]) -> list[Any]:
-    """Return the records of an identification with their loads, or its frequency responses."""
+def _measured(scene: Scene[IdentificationScene]) -> list[Any]:
+    """Return the records of an identification with their loads, its frequency responses, and its modes."""
     from dynid.scene.kinds.identified_graphs import identified_graph
     from dynid.scene.kinds.measurements import measurements_of
 
     model = structure_in(scene) if scene.model.graph is None else identified_graph(scene)[0]
-    measurements, measured = measurements_of(scene, model), scene.model.measurement
-    return measurements[:-1] if measured is not None and measured.modes is not None else measurements
+    return measurements_of(scene, model)
+
+
+def _records(scene: Scene[IdentificationScene]) -> list[Any]:
+    """Return the records of an identification with their loads, or its frequency responses."""
+    measured = scene.model.measurement
+    return _measured(scene)[: -1 if measured is not None and measured.modes is not None else None]
 
 
 def _channels(scene: Scene[IdentificationScene], parts: Parts) -> list[str] | None:
@@ -287,12 +292,19 @@ def _max_count(scene: Scene, parts: Parts, dim: str) -> int | None:
     """Return the largest number on a numbered axis; None where the run alone says it."""
     if scene.kind == "identification" and parts[:2] == ("identification", "modes") and dim == "mode":
         modes = scene.model.measurement.modes
-        return len(modes.values) if modes.file is None else None
+        return len(modes.values) if modes.file is None else len(_measured(scene)[-1].omega)
     requested = None
     if scene.kind == "identification" and parts[:2] == ("structure", "modes"):
         requested = scene.model.responses.modes.count
     counts = [count for count in (requested, _size(scene, parts, dim)) if count is not None]
     return min(counts) if counts else None
+
+
+def _has_more_roots(scene: Scene) -> bool:
+    """Return True where sampled controllers or lines bring roots beyond those of the storages."""
+    loops = scene.model.control.loops if scene.model.control is not None else ()
+    lines = any(node.type == LINE for node in scene.model.graph.nodes.values())
+    return lines or any(loop.controller.sample is not None for loop in loops)
 
 
 @lru_cache(maxsize=1)
@@ -318,7 +330,8 @@ def _size(scene: Scene, parts: Parts, dim: str) -> int | None:
     if dim == "step":
         return _steps(scene, parts[1])
     if parts[0] == "bond_graph":
-        return _storages(scene) if dim in _ROOT_AXES and parts[1] in _WITH_ROOTS else None
+        counted = dim in _ROOT_AXES and parts[1] in _WITH_ROOTS and not _has_more_roots(scene)
+        return _storages(scene) if counted else None
     if dim not in ("mode", "full_mode"):
         return None
     if scene.kind == "reduction" and parts[0] == "reduction":

@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 
 #: Attributes of a channel's properties that are named like one of these.
 _NOTES = frozenset({"hidden_mode_note", "approximate"})
+#: Attributes of a channel whatever is requested of it.
+_OF_CHANNELS = frozenset({"engine", "reading", "unit", "approximate"})
 #: Arrays of complex numbers.
 _COMPLEX = frozenset(
     {"bond_graph/margins/poles", "bond_graph/energy/poles", "bond_graph/frequency_response/response"}
@@ -87,24 +89,32 @@ _BLOCK = "'{group}' needs the block '{key}' in 'analysis'"
 #: Groups that come with a key of the scene or a condition, and the reason why they are absent without it.
 _NEEDS: dict[str, tuple[str, str]] = {
     **{
-        f"bond_graph/{name}": ("control", f"a graph without loops has no {what}; close loops with 'control'")
-        for name, what in (
-            ("margins", "margins"),
-            ("sensitivity_functions", "sensitivity functions"),
-            ("root_locus", "root locus"),
+        f"bond_graph/{name}": (key, f"a graph without loops has no {what}; close loops with 'control'")
+        for name, key, what in (
+            ("margins", "control or lines", "margins"),
+            ("sensitivity_functions", "control", "sensitivity functions"),
+            ("root_locus", "control", "root locus"),
         )
     },
+    "bond_graph/reduction": ("no lines", "a graph with lines is not reduced as a whole"),
     "bond_graph/sampled": ("sample", "no loop is sampled; state the 'sample' of its controller"),
     "structure/joints": ("joint laws", "'joints' come with nonlinear 'laws' of joints"),
     "structure/damping": ("equivalent", "'damping' comes with its 'equivalent'"),
     "structure/complex_modes": ("loss factors", "'complex_modes' come with loss factors 'eta'"),
-    "identification/nonlinearity": ("joints in time", "'nonlinearity' is of joints and records of time"),
+    "identification/nonlinearity": (
+        "linear joints in time",
+        "'nonlinearity' is of linear joints and records of time",
+    ),
     "identification/joints": ("joint laws", "'joints' come with nonlinear 'laws' of joints"),
     "bond_graph/port": (
         "analysis.port",
         "'port' needs the bond at which the graph is cut; name it in 'analysis.port'",
     ),
     "bond_graph/design": ("design", "'design' needs the block 'design'"),
+    "bond_graph/design/frequency_response": (
+        "analysis.frequency",
+        _BLOCK.format(group="frequency_response", key="frequency"),
+    ),
     "bond_graph/design/compared": (
         "design.compare",
         "'compared' is of the designs to 'compare'; name their values in 'design'",
@@ -218,7 +228,7 @@ def _absence(scene: Scene, parts: Parts) -> str:
         reason = "the scope of an identified graph stands in 'identification/need'"
     needs = (_NEEDS.get("/".join(parts[:depth]), ("", "")) for depth in (2, 3))
     reason = reason or next((said for key, said in needs if key and not _has(scene.model, key)), "")
-    results = _RESULTS.get(group, frozenset())
+    results = _RESULTS.get(group, frozenset()) if below[-1] not in _OF_CHANNELS else frozenset[ResultName]()
     if reason or analysis is None or not results or not analysis.asked().isdisjoint(results):
         return reason
     block = {"frequency_response": "frequency", "time_response": "time"}.get(result := min(results), "")
@@ -240,6 +250,8 @@ def _absence_in_structure(scene: Scene, group: str) -> str:
         except DynidError:  # which the preparation of the run reports
             return ""
         return "a structure without positions of nodes has no 'geometry'" if nodes is None else ""
+    if group == "joints" and _has(scene.model, "joint laws") and not _has(scene.model, "analysis.time"):
+        return _BLOCK.format(group=group, key="time")
     if f"structure/{group}" in _NEEDS and scene.kind == "reduction":
         return f"a comparison of reductions has no results 'structure/{group}'; they stand in 'reduction'"
     return ""
@@ -257,8 +269,9 @@ def _nodes(model: Any) -> list[NodeModel]:
 def _has(model: Any, key: str) -> bool:
     """Return True for a scene with a key, given by its dotted path, or with a condition of `_NEEDS`."""
     match key:
-        case "control" if any(node.type == LINE for node in _nodes(model)):
-            return True  # a line has loops of its own
+        case "no lines" | "control or lines":  # a line has loops of its own
+            lines = any(node.type == LINE for node in _nodes(model))
+            return not lines if key == "no lines" else lines or model.control is not None
         case "laws":
             nodes = model.graph.nodes.values()
             return getattr(model, "operating_point", None) is not None or any(map(has_law, nodes))
@@ -270,9 +283,10 @@ def _has(model: Any, key: str) -> bool:
         case "loss factors":
             files = list(sections(model, MatricesModel))  # which may have complex stiffnesses
             return bool(files) or any(getattr(part, "eta", None) for _, part in sections(model, Section))
-        case "joints in time":
+        case "linear joints in time":
             timed = model.measurement is not None and any(not record.frf for record in model.measurement.each)
-            return timed and model.graph is None and not model.measurement.modes_alone
+            linear = not _has(model, "joint laws") and any(True for _ in sections(model, JointModel))
+            return timed and linear and model.graph is None and not model.measurement.modes_alone
         case "equivalent":
             return any(damping.equivalent for _, damping in sections(model, DampingModel))
         case "huber":

@@ -266,11 +266,11 @@ LAYOUT: dict[str, str] = {
     # Modal analyses.
     "modal": (
         "mode channel reference frequency frequency_standard_error damping damping_standard_error shape "
-        "shape_standard_error complexity warnings noise reciprocal"
+        "shape_standard_error complexity warning warnings noise reciprocal"
     ),
-    "modal/covariance": "common by_channel",
-    "modal/chart": "order chain pole",
-    "modal/fit": "omega measured synthesis chi2 degrees lacks_fit reciprocity",
+    "modal/covariance": "common value factor by_channel channel_value root",
+    "modal/chart": "point order chain pole",
+    "modal/fit": "omega measured synthesis chi2 degrees lacks_fit reciprocity real_shapes whiteness",
     # Accuracy of alternatives.
     "accuracy": "repeats budget",
     "accuracy/<aspect>": "alternative status title size measure because reference",
