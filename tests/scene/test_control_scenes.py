@@ -773,3 +773,30 @@ def test_responses_of_more_than_a_million_samples_are_refused():
     text = text.replace("inputs: [w]", "inputs: [w], results: [time_response], time: {stop: 3, step: 0.01}")
     with pytest.raises(UsageError, match=r"takes 3e\+06 samples; at most 1,000,000"):
         dynid.run(scene(text))
+
+
+@pytest.mark.parametrize(("stiffness", "stable"), [(1e300, True), (-1e300, False), (-1e155, False)])
+def test_a_late_loop_around_a_spring_beyond_all_measure_has_its_verdict(stiffness, stable):
+    """The loop is weak beside the spring, whose sign decides; natural frequencies are up to 1e150 rad/s."""
+    scene = check_source(
+        parse_source(f"""\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    drive: Se
+    x: 1
+    m: {{type: I, value: 1}}
+    b: {{type: R, value: 1}}
+    k: {{type: C, value: 1/({stiffness!r})}}
+  bonds: [drive -> x, x -> m, x -> b, x -> k]
+control:
+  loops:
+    - from: k.q
+      to: drive
+      controller: {{pid: {{kp: 1, kd: 0.4, tf: 0.05}}, delay: 0.3}}
+      setpoint: wanted
+analysis: {{inputs: [wanted], outputs: [k.q], results: [properties]}}
+""")
+    )
+    assert dynid.run(scene).value("bond_graph/system/stable") is stable

@@ -305,10 +305,10 @@ def continuous_phase(
     """
     ends = np.concatenate([np.minimum(omega[:1], math.pi / 8 / delays), omega])
     ends = ends[np.flatnonzero(np.diff(ends, prepend=-1.0) > 0)]
-    parts = np.maximum(1, np.ceil(np.diff(ends) * delays / (math.pi / 4))).astype(int)
+    parts = np.maximum(1.0, np.ceil(np.diff(ends) * delays / (math.pi / 4)))
     if parts.sum() > _MAX_PHASE_POINTS:
         return None
-    pieces = zip(ends, ends[1:], parts.tolist(), strict=False)
+    pieces = zip(ends, ends[1:], parts.astype(int).tolist(), strict=False)
     grid = np.concatenate([*(np.linspace(*piece, endpoint=False) for piece in pieces), ends[-1:]])
     values = evaluate(grid)
     for _ in range(_PHASE_HALVINGS):

@@ -60,6 +60,8 @@ _LOCUS_NOTE = (
 )
 #: Gains after which roots of approximants start further branches.
 _RESTARTS = 8
+#: Coefficients below this part of the largest are zero: their quotients leave the range of numbers.
+_SMALLEST_COEFFICIENT = 1e-290
 #: Largest degree of a root locus.
 _MAX_LOCUS_DEGREE = 60
 
@@ -338,7 +340,9 @@ def _late_branches(
     for row, gain in enumerate(gains.tolist()):
         starts = branches
         if row % _RESTARTS == 0:
-            starts = np.concatenate([branches, np.roots(np.polyadd(gain * top, bottom))])
+            closed = np.polyadd(gain * top, bottom)
+            closed[np.abs(closed) < _SMALLEST_COEFFICIENT * np.abs(closed).max()] = 0.0
+            starts = np.concatenate([branches, np.roots(closed)])
         roots = functions.reached(starts, [gain, 1.0])
         branches, further = roots[:degree], roots[degree:][np.isfinite(roots[degree:])]
         free = np.flatnonzero(np.isinf(branches))[: len(further)]
