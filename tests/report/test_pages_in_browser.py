@@ -318,6 +318,13 @@ def test_the_answer_and_its_figures_are_within_the_first_thousand_pixels(visit, 
 
 def test_figures_are_as_narrow_as_a_phone(visit):
     opened = visit(result_of("identification"), viewport={"width": 420, "height": 800}).page
+    for figure in opened.locator("figure:not(.wide)").all():  # records are drawn as they come into view
+        if figure.is_visible():
+            figure.scroll_into_view_if_needed()
+            opened.wait_for_function(
+                "(id) => !(document.querySelector('#' + id + ' svg[id]')?.viewBox.baseVal.width >= 500)",
+                arg=figure.get_attribute("id"),
+            )
     sizes = opened.locator("figure:not(.wide) svg").evaluate_all(
         "(all) => all.filter((one) => one.checkVisibility()).map((one) => [one.getBoundingClientRect().right,"
         " one.getBoundingClientRect().width / one.viewBox.baseVal.width])"

@@ -206,7 +206,7 @@ def in_segments(likelihood: TimeLikelihood, divisor: int) -> Likelihood:
 _ROUTES = ((64, 16, 4), (16,), (64, 16, 4), (32, 4), ())
 # Joints with nonlinear laws: the first parts of the records, one in so many, that are fitted in turn; after
 # the short ones a start goes on at once where its residuals are white to this p-value, else it waits.
-_SHORT, _LONG, _GOES_ON = (32, 16, 8), (4, 2), 1e-4
+_FIRST_PARTS, _LATER_PARTS, _GOES_ON = (32, 16, 8), (4, 2), 1e-4
 # Starts around the given one that are fitted to the short parts: how many, and how far from it (a factor).
 _AROUND_LAWS = (8, 5.0)
 # Responses: a search with the modes of a band is confirmed by an estimate of the whole model that differs by
@@ -284,7 +284,7 @@ class Auto:
         if not self.multi_start:
             search.attempt("the start", partial(guided, (), origin))
             return search.best()
-        short, long = growing(likelihood, _SHORT), growing(likelihood, _LONG)
+        short, long = growing(likelihood, _FIRST_PARTS), growing(likelihood, _LATER_PARTS)
         count, reach = _AROUND_LAWS
         waiting = []
         for number, start in enumerate([origin, *drawn_starts(likelihood.priors, origin, count, reach, 0)]):
