@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,9 +15,6 @@ from numpy.typing import ArrayLike
 from dynid.errors import DynidError, UsageError
 from dynid.report.svg import COLOURS, resolved
 from dynid.result import Result
-
-if TYPE_CHECKING:
-    from dynid.report.plot.layers import LegendEntry
 
 CellValue = str | bool | int | float | complex
 
@@ -32,6 +29,14 @@ class FigureTable:
     columns: tuple[str, ...]
     rows: tuple[tuple[CellValue, ...], ...]
     note: str = ""
+
+
+class LegendEntry(NamedTuple):
+    """An entry of the legend: its label, its symbol (`line`, `band` or that of markers) and its classes."""
+
+    label: str
+    symbol: str
+    cls: str
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from dynid.number_format import counted
 from dynid.progress import tracked
 from dynid.report.content import array_rows, content
 from dynid.report.content.blocks import DefinitionList, ReportSection, Statement
-from dynid.report.figure import Figure, figures, leading
+from dynid.report.figure import Figure, LegendEntry, figures, leading
 from dynid.report.page.html import (
     Markup,
     figure_table,
@@ -36,7 +36,7 @@ from dynid.report.page.html import (
     text,
 )
 from dynid.report.plot.chart import PageSpace, embedded
-from dynid.report.plot.layers import LegendEntry, symbol_class, symbol_path
+from dynid.report.plot.layers import legend_key
 from dynid.report.svg import css
 from dynid.result import Result
 
@@ -286,12 +286,8 @@ def _legend(entries: Iterable[LegendEntry]) -> Markup:
     """Return the legend of a record, each entry with its key as a picture."""
     keys = []
     for entry in entries:
-        cls, at = f"{entry.cls} band" if entry.symbol == "band" else entry.cls, "M0 6H20"
-        if entry.symbol == "band":
-            at = "M0 1H20V11H0Z"
-        elif entry.symbol != "line":
-            cls, at = symbol_class(entry.symbol, entry.cls), symbol_path(entry.symbol, 10, 6, 4)
-        path = tag("path", class_=cls, d=at)
+        cls, drawn = legend_key(entry, 0, 6)
+        path = tag("path", class_=cls, d=drawn)
         key = tag("svg", path, class_="fig", viewBox="0 0 20 12", width="20", height="12", aria_hidden="true")
         keys.append(tag("li", key, entry.label))
     return tag("ul", *keys, class_="legend")

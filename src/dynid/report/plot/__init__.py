@@ -6,6 +6,7 @@ and `data-y` (`lin` or `log`, then the values at the two ends), `data-x-label`, 
 `data-name`.
 """
 
+from dynid.report.figure import LegendEntry
 from dynid.report.plot.axis import PlotAxis
 from dynid.report.plot.chart import Chart, Subplot, in_rows
 from dynid.report.plot.heatmap import Heatmap, Matrix, matrix_chart
@@ -15,7 +16,6 @@ from dynid.report.plot.layers import (
     Bars,
     Curve,
     Layer,
-    LegendEntry,
     Markers,
     ReferenceLine,
     series_class,

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynid.report.figure import FigureTable, Picture
+from dynid.report.figure import FigureTable, LegendEntry, Picture
 from dynid.report.notation import raised
 from dynid.report.plot.axis import PlotAxis, Scale, Ticks
-from dynid.report.plot.layers import Layer, LegendEntry, PlotArea, symbol_class, symbol_path
+from dynid.report.plot.layers import Layer, PlotArea, legend_key
 from dynid.report.plot.record import plot_layers, thinning
 from dynid.report.svg import BOLD_WIDTH, SIZE, SMALL, TITLE, Svg, text_width
 
@@ -240,7 +240,7 @@ class Chart:
             before, y = page.omitted, -4.0
             lines = _draw_legend(Svg("", ""), entries, y + 8, width)
             space = min(1.0, width / NARROW) * page.tallest - lines - _PAD
-            groups = _fitting(groups, page, space, height)
+            groups = _fitting(groups, page, space, height, shared=False)
             svg = Svg(f"{name}-first" if page.omitted > before else name, title, self.caption)
         y = _draw_legend(svg, entries, y + 8, width)
         for group in groups:
@@ -251,7 +251,7 @@ class Chart:
         """Draw it as a record: the legend is beside the picture, a script has the samples."""
         before = page.omitted
         single = [[plot] for row in self.rows for plot in row]
-        (rows,) = _fitting([single], page, page.tallest - 2 * _ROW, self.height, _RECORD_LOWEST)
+        (rows,) = _fitting([single], page, page.tallest - 2 * _ROW, self.height, shared=True)
         plots = [row[0] for row in rows]
         heights = [plot.height or self.height for plot in plots]
         svg = Svg(f"{name}-first" if page.omitted > before else name, title, self.caption)
@@ -282,13 +282,14 @@ def _fitting(
     page: PageSpace,
     space: float,
     height: float,
-    lowest: float = _LOWEST,
+    *,
+    shared: bool,
 ) -> list[Sequence[Sequence[Subplot]]]:
     """Return the rows that fit into a height, px, scaled down to it; grids of unlabelled axes stay whole.
 
-    `lowest` is the least mean height of plot areas; records have one axis for all.
+    Records have one axis, which is `shared`, and higher plot areas.
     """
-    shared = lowest == _RECORD_LOWEST
+    lowest = _RECORD_LOWEST if shared else _LOWEST
     if math.isinf(space):
         return list(groups)
     rows_of_groups = [(group_index, row) for group_index, group in enumerate(groups) for row in group]
@@ -393,13 +394,8 @@ def _draw_legend(svg: Svg, entries: Sequence[LegendEntry], y: float, width: floa
         needed = _KEY + text_width(label) + 18
         if x > _PAD and x + needed > width:
             x, y = _PAD, y + _ROW
-        if entry.symbol == "line":
-            svg.line((x, y - 4), (x + 20, y - 4), cls=entry.cls)
-        elif entry.symbol == "band":
-            svg.rect(x, y - 4 - 5, 20, 10, f"{entry.cls} band")
-        else:
-            cls = symbol_class(entry.symbol, entry.cls)
-            svg.element("path", cls, d=symbol_path(entry.symbol, x + 10, y - 4, 4))
+        cls, key = legend_key(entry, x, y - 4)
+        svg.element("path", cls, d=key)
         svg.text(x + _KEY, y, label, anchor="start")
         x += needed
     svg.close()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.arrays import Array
+from dynid.report.figure import LegendEntry
 from dynid.report.plot.axis import Scale
 from dynid.report.svg import SERIES, SMALL, Point, Svg, path_of, plain, text_width
 
@@ -46,12 +47,15 @@ def symbol_path(symbol: str, x: float, y: float, r: float) -> str:
     return f"M{x - r:.6g} {b}l{c} {-r:.3g}l{c} {c}l{-r:.3g} {c}z"
 
 
-class LegendEntry(NamedTuple):
-    """An entry of the legend: its label, its symbol (`line`, `band` or that of markers) and its classes."""
-
-    label: str
-    symbol: str
-    cls: str
+def legend_key(entry: LegendEntry, x: float, y: float) -> tuple[str, str]:
+    """Return classes and path data of the key of an entry of a legend, 20 px wide from x on, around y."""
+    match entry.symbol:
+        case "line":
+            return entry.cls, path_of([(x, y), (x + 20, y)])
+        case "band":
+            corners = [(x, y - 5), (x + 20, y - 5), (x + 20, y + 5), (x, y + 5)]
+            return f"{entry.cls} band", path_of(corners, closed=True)
+    return symbol_class(entry.symbol, entry.cls), symbol_path(entry.symbol, x + 10, y, 4)
 
 
 @dataclass(frozen=True)
