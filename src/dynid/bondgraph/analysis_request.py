@@ -86,20 +86,24 @@ Discretisation = Literal["tustin", "backward", "zoh", "z"]
 
 #: The engines themselves; `auto` is a choice among them.
 ENGINES = tuple(name for name in get_args(Engine) if name != "auto")
-#: Results of graphs with sampled loops; all others are of transfer functions in s, which those do not have.
-SAMPLED: frozenset[ResultName] = frozenset(
+# Results of graphs with sampled loops; all others are of transfer functions in s, which those do not have.
+_SAMPLED: frozenset[ResultName] = frozenset(
     {"properties", "step_info", "frequency_response", "time_response", "causality"}
 )
 #: Most lines of a graph: the terms of its characteristic function double with each.
 MAX_TRANSMISSION_LINES = 8
-#: Results of graphs with lines (TL).
-WITH_LINES: frozenset[ResultName] = frozenset(
+# Results of graphs with lines (TL).
+_WITH_LINES: frozenset[ResultName] = frozenset(
     {"transfer_function", "zeros", "poles", "properties", "step_info", "frequency_response", "time_response"}
 )
-#: Results of graphs with sampled loops and lines.
-SAMPLED_LINES: frozenset[ResultName] = SAMPLED & WITH_LINES
 #: Results that the symbolic engine has no numbers for.
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
+
+
+def available_results(*, sampled: bool, lines: bool) -> frozenset[ResultName]:
+    """Return the results that graphs have, with sampled loops or lines (TL)."""
+    available = _SAMPLED if sampled else frozenset(RESULTS)
+    return available & _WITH_LINES if lines else available
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,10 @@ from typing import TYPE_CHECKING, Any, cast
 from dynid.arithmetic.dependent import Dual
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.analysis_request import (
-    SAMPLED,
-    SAMPLED_LINES,
-    WITH_LINES,
     Analysis,
     FormulaRequest,
     SensitivityParameter,
+    available_results,
 )
 from dynid.bondgraph.graph import FIELDS, SOURCES, BondGraph, GraphUnits
 from dynid.defaults import TRACED_PARTS
@@ -258,10 +256,8 @@ def graph_analysis(
     asked, parts_count = requested.asked(), sum(bool(node.part) for node in graph.nodes.values())
     if requested.results is None and parts_count > TRACED_PARTS.value:
         asked -= {"reduction"}  # formulas of that many nodes are long, and nobody reads them
-    if model.control is not None and model.control.sampled:
-        asked &= SAMPLED
-    if any(loop.line for loop in built.loops):
-        asked &= SAMPLED_LINES if model.control is not None and model.control.sampled else WITH_LINES
+    sampled = model.control is not None and model.control.sampled
+    asked &= available_results(sampled=sampled, lines=any(loop.line for loop in built.loops))
     signals: list[tuple[str, Signal]] = []
     apart = False
     if "time_response" in asked:

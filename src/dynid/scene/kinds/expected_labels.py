@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.graph import LINE, SOURCES, STORAGES
+from dynid.bondgraph.graph import SOURCES, STORAGES
 from dynid.errors import DynidError
 from dynid.scene.kinds.parameters import quantities, unknown_parameters
 from dynid.scene.kinds.result_layout import OF_RECORDS, RECORD, Parts, names_in
@@ -302,9 +302,8 @@ def _max_count(scene: Scene, parts: Parts, dim: str) -> int | None:
 
 def _has_more_roots(scene: Scene) -> bool:
     """Return True where sampled controllers or lines bring roots beyond those of the storages."""
-    loops = scene.model.control.loops if scene.model.control is not None else ()
-    lines = any(node.type == LINE for node in scene.model.graph.nodes.values())
-    return lines or any(loop.controller.sample is not None for loop in loops)
+    control = scene.model.control
+    return scene.model.graph.lines > 0 or (control is not None and control.sampled)
 
 
 @lru_cache(maxsize=1)

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES, ResultName
-from dynid.bondgraph.graph import LINE
+from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES, ResultName, available_results
 from dynid.errors import DynidError, Fault
 from dynid.scene.kinds.expected_labels import (
     analysis_of,
@@ -42,7 +41,7 @@ from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
-    from dynid.scene.schema.bond_graph import AnalysisModel, NodeModel
+    from dynid.scene.schema.bond_graph import AnalysisModel
     from dynid.scene.schema.identification import IdentificationScene
 
 #: Attributes of a channel's properties that are named like one of these.
@@ -96,7 +95,6 @@ _NEEDS: dict[str, tuple[str, str]] = {
             ("root_locus", "control", "root locus"),
         )
     },
-    "bond_graph/reduction": ("no lines", "a graph with lines is not reduced as a whole"),
     "bond_graph/sampled": ("sample", "no loop is sampled; state the 'sample' of its controller"),
     "structure/joints": ("joint laws", "'joints' come with nonlinear 'laws' of joints"),
     "structure/damping": ("equivalent", "'damping' comes with its 'equivalent'"),
@@ -229,8 +227,15 @@ def _absence(scene: Scene, parts: Parts) -> str:
     needs = (_NEEDS.get("/".join(parts[:depth]), ("", "")) for depth in (2, 3))
     reason = reason or next((said for key, said in needs if key and not _has(scene.model, key)), "")
     results = _RESULTS.get(group, frozenset()) if below[-1] not in _OF_CHANNELS else frozenset[ResultName]()
-    if reason or analysis is None or not results or not analysis.asked().isdisjoint(results):
+    if reason or analysis is None or not results:
         return reason
+    lines, sampled = scene.model.graph.lines > 0, _has(scene.model, "sample")
+    available = available_results(sampled=sampled, lines=lines)
+    if available.isdisjoint(results):
+        with_what = " and ".join(["lines"] * lines + ["sampled loops"] * sampled)
+        return f"a graph with {with_what} has no results '{group}'"
+    if not (analysis.asked() & available).isdisjoint(results):
+        return ""
     block = {"frequency_response": "frequency", "time_response": "time"}.get(result := min(results), "")
     if block and getattr(analysis, block) is None:
         return _BLOCK.format(group=group, key=block)
@@ -261,23 +266,16 @@ def _unlisted(name: str, result: ResultName) -> str:
     return f"'{name}' comes with the result '{result}', which 'results' does not list; add it"
 
 
-def _nodes(model: Any) -> list[NodeModel]:
-    graph = getattr(model, "graph", None)
-    return [] if graph is None else list(graph.nodes.values())
-
-
 def _has(model: Any, key: str) -> bool:
     """Return True for a scene with a key, given by its dotted path, or with a condition of `_NEEDS`."""
     match key:
-        case "no lines" | "control or lines":  # a line has loops of its own
-            lines = any(node.type == LINE for node in _nodes(model))
-            return not lines if key == "no lines" else lines or model.control is not None
+        case "control or lines":  # a line has loops of its own
+            return model.control is not None or model.graph.lines > 0
         case "laws":
             nodes = model.graph.nodes.values()
             return getattr(model, "operating_point", None) is not None or any(map(has_law, nodes))
         case "sample":
-            loops = model.control.loops if getattr(model, "control", None) is not None else ()
-            return any(loop.controller.sample is not None for loop in loops)
+            return model.control is not None and bool(model.control.sampled)
         case "joint laws":
             return any(joint.laws for _, joint in sections(model, JointModel))
         case "loss factors":

@@ -22,14 +22,12 @@ from pydantic import (
 from dynid.bondgraph.analysis_request import (
     MAX_TRANSMISSION_LINES,
     NUMERIC,
-    SAMPLED,
-    SAMPLED_LINES,
     USUAL,
-    WITH_LINES,
     Engine,
     FormulaForm,
     Reading,
     ResultName,
+    available_results,
 )
 from dynid.bondgraph.field_expansion import field_fault
 from dynid.bondgraph.graph import (
@@ -375,6 +373,11 @@ class GraphModel(Section):
         """The bonds of all chains, each with the index of its entry."""
         return [(index, bond) for index, chain in enumerate(self.bonds) for bond in chain]
 
+    @property
+    def lines(self) -> int:
+        """The number of its lines (TL)."""
+        return sum(node.type == LINE for node in self.nodes.values())
+
     def _coupling_faults(self, types: Mapping[str, str]) -> Iterator[Located]:
         """Yield the bonds against the power through a multiport transformer or gyrator."""
         for name in (name for name, kind in types.items() if kind == COUPLING):
@@ -533,7 +536,7 @@ class BondGraphScene(ComposedScene):
             outputs = [str(port) for port in self.analysis.outputs]
             yield from self.design.faults(self.parameters, self.graph.nodes, outputs, inputs)
             yield from self.design.loop_faults(len(control.loops) if control else 0)
-        if self._lines:
+        if self.graph.lines:
             yield from self._line_faults()
         if self._nonlinear:
             yield from self._nonlinear_faults()
@@ -542,7 +545,7 @@ class BondGraphScene(ComposedScene):
         yield from control.input_faults(self.analysis.inputs)
         if control.sampled:
             yield from self._sampling_faults()
-        elif control.delays and self.analysis.port is not None and not self._lines:
+        elif control.delays and self.analysis.port is not None and not self.graph.lines:
             from dynid.scene.schema.control import DELAY_REMEDY
 
             message = f"there is no 'port' where a loop has a delay; {DELAY_REMEDY}"
@@ -560,11 +563,6 @@ class BondGraphScene(ComposedScene):
             for node in self.graph.nodes.values()
         )
 
-    @property
-    def _lines(self) -> int:
-        """The number of its lines."""
-        return sum(node.type == LINE for node in self.graph.nodes.values())
-
     def _nonlinear_faults(self) -> Iterator[Located]:
         """Yield the time response of nonlinear laws where delays or samples act on them."""
         control: ControlModel | None = self.control
@@ -574,7 +572,7 @@ class BondGraphScene(ComposedScene):
             where = f"where a loop has a delay; {DELAY_REMEDY}"
         elif control is not None and control.sampled:
             where = "with sampled loops; leave it out, or write the controllers without 'sample'"
-        elif self._lines:
+        elif self.graph.lines:
             where = "with a line (TL); leave it out, or write the line as pieces of I and C"
         else:
             return
@@ -588,28 +586,30 @@ class BondGraphScene(ComposedScene):
     def _line_faults(self) -> Iterator[Located]:
         """Yield what a graph with lines does not have."""
         lines = "with a line (TL); leave it out, or write the line as pieces of I and C"
-        allowed = WITH_LINES
-        if self.control is not None and self.control.sampled:
-            allowed, lines = SAMPLED_LINES, f"with sampled loops {lines}"
+        sampled = self.control is not None and self.control.sampled
+        if sampled:
+            lines = f"with sampled loops {lines}"
+        available = available_results(sampled=sampled, lines=True)
         for index, name in enumerate(self.analysis.results or ()):
-            if name not in allowed:
+            if name not in available:
                 yield ("analysis", "results", index), f"there is no '{name}' {lines}"
         if self.analysis.port is not None:
             yield ("analysis", "port", AT_KEY), f"there is no 'port' {lines}"
-        if self._lines > MAX_TRANSMISSION_LINES:
-            message = f"at most {MAX_TRANSMISSION_LINES} lines (TL), not {self._lines}"
+        if self.graph.lines > MAX_TRANSMISSION_LINES:
+            message = f"at most {MAX_TRANSMISSION_LINES} lines (TL), not {self.graph.lines}"
             yield ("graph", "nodes", AT_KEY), message
 
     def _sampling_faults(self) -> Iterator[Located]:
         """Yield what a graph with sampled loops does not have."""
         loops = "with sampled loops; leave it out, or write the controllers without 'sample'"
+        available = available_results(sampled=True, lines=False)
         for index, name in enumerate(self.analysis.results or ()):
-            if name not in SAMPLED:
+            if name not in available:
                 yield ("analysis", "results", index), f"there is no '{name}' {loops}"
         if self.design is not None and not self.design.of_loops:
             message = "only margins (phase_margin, gain_margin, Ms, Mt) are designed with sampled loops"
             yield ("design", "targets", AT_KEY), message
-        if self.analysis.port is not None and not self._lines:
+        if self.analysis.port is not None and not self.graph.lines:
             yield ("analysis", "port", AT_KEY), f"there is no 'port' {loops}"
 
     def _port_faults(self, types: Mapping[str, str]) -> Iterator[Located]:
