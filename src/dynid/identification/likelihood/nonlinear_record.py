@@ -42,10 +42,10 @@ _MAX_START_STEPS, _LAST_GAIN = 12, 1e-8
 # of second order in a step that moves the prediction by a hundredth of the residual.
 _TANGENT_GAIN = 1e-4
 # Quarterings of a step to the first state that does not improve.
-_MAX_HALVINGS = 6
+_MAX_QUARTERINGS = 6
 # Parameters far from the estimate may need steps so many times shorter; a search does not go to others, whose
 # motion may be chaotic.
-_FINER = 4
+_SHORTER_STEPS = 4
 
 
 # Distance of numbers of hidden states, from -1 to 1, from which others are tried at an estimate; and the
@@ -218,7 +218,7 @@ class NonlinearRecord(TimeRecord):
                 current = left, start + shift, prediction, slopes, rows
                 break
             better = None
-            for _ in range(_MAX_HALVINGS):
+            for _ in range(_MAX_QUARTERINGS):
                 try:
                     trial = self._evaluated(eta, start + shift, values, level)
                 except DynidError:
@@ -307,7 +307,7 @@ class NonlinearRecord(TimeRecord):
                 motion = predicted(self.model, eta, start[:n], hidden.z0, steps)
                 break
             except Refine:
-                if steps >= _FINER * self._kept["steps"]:
+                if steps >= _SHORTER_STEPS * self._kept["steps"]:
                     raise
                 steps *= 2
         by_parameter, by_state = _joined(hidden, motion.by_parameter, motion.by_state, motion.by_hidden)
