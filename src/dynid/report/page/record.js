@@ -243,6 +243,8 @@ const Records = (() => {
       if (size > 0 && size !== width) { width = size; draw(); }
     };
     const fit = () => resize(Math.floor(picture.clientWidth));
+    // What is below does not move when the figure is drawn, as high as before.
+    svg.style.height = `${svg.viewBox.baseVal.height}px`;
     new IntersectionObserver((entries, observer) => {
       if (!entries.some((entry) => entry.isIntersecting)) return;
       observer.disconnect();
