@@ -101,7 +101,9 @@ class _Segments(RecordLikelihood):
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
         """Fit the initial states of all segments at coordinates of the parameters."""
         model = self.record.model
-        self.record.system_model.evaluations += 1
+        # Free decays from n states over a segment are beside the responses over the record.
+        share = model.states * self.length / len(self.record.data.values)
+        self.record.system_model.evaluations += 1 + math.ceil(share)
         free, steps = free_prediction(model, eta)
         predicted_whole = prediction(model, eta, model.initial, free, steps)
         left = self._cut(self.record.data.values - predicted_whole.outputs)[..., None]
@@ -270,7 +272,7 @@ class Auto:
             search.look_around()
         else:
             search.attempt("segments", partial(guided, routes[0], origin))
-        if not search.accepted:
+        if not search.accepted and search.left > 0:
             search.attempt("annealed passes", partial(_filtered, annealed_passes, likelihood, origin))
         if not search.ended:
             search.draw(guides[_ROUTES[0][0]], routes, origin)

@@ -142,6 +142,8 @@ def _sweep(
     """Run the filter over each record, at these assumed noises."""
 
     def passed(k: int, record: TimeRecord, prior: InitialState) -> Pass:
+        n, size = record.model.states, len(prior.root)  # a triangular factor a sample
+        record.system_model.evaluations += size**3 // (n**2 * (1 + record.model.parameters)) + 1
         return filter_pass(record.model, record.data.values, prior, noise[k], origin)
 
     return chained(likelihood, priors, passed)

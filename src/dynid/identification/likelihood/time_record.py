@@ -61,6 +61,8 @@ _MAX_KEPT_NUMBERS = 1_000_000
 _MAX_BLOCK_NUMBERS = 4_000_000
 # Fewest evaluations that a search may take: those that rank one round of starts.
 _MIN_RECORD_EVALUATIONS = 256
+# The exponential of a matrix and each of its derivatives take so many products of its size.
+_TRANSITION_WORK = 30
 #: Rows of a history, at the most.
 MAX_STORED_ROWS = 100_000
 
@@ -550,7 +552,7 @@ class TimeLikelihood(Likelihood):
     def most_evaluations(self) -> float:
         """Most evaluations that a search may take, from the work of one."""
         sizes = ((len(record.times), len(record.system_model.states)) for record in self.records)
-        work = sum(rows * states**2 for rows, states in sizes) * (1 + len(self.unknowns))
+        work = sum((rows + _TRANSITION_WORK * n) * n**2 for rows, n in sizes) * (1 + len(self.unknowns))
         return max(_MIN_RECORD_EVALUATIONS, RECORD_SEARCH_WORK.value // max(1, work))
 
 
