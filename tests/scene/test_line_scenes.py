@@ -7,6 +7,7 @@ import pytest
 import dynid
 from dynid.bondgraph.cut_loops import CutLoops
 from dynid.errors import SceneError
+from dynid.model_scope import scope_parts
 from dynid.report.drawing.bond_graph import drawn_graph
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import check_source
@@ -172,6 +173,80 @@ def test_a_line_is_drawn_as_one_element():
     drawn = drawn_graph(dynid.run(scene(LINE)))
     assert drawn.boxes == {"cable": "line: 2, 0.5 s"}
     assert len(drawn.graph.nodes) == 6
+
+
+def test_a_line_is_reduced_as_a_two_port():
+    """The admittance that the load sees, as the steps write it, is that of the line from the source's end."""
+    result = dynid.run(scene(asked(LINE, "results: [reduction]")))
+    steps = result["bond_graph/reduction/steps"].data
+    assert steps[0]["rule"] == "line"
+    assert steps[0]["equation"] == ("cable.arm1 = cable.arm2 = 2*tanh(0.5*s/2); cable.across = 2/sinh(0.5*s)")
+    formula = result["bond_graph/reduction/system_a"].data[0]
+    assert formula == "Y_A = 1/(cable.arm2 + 1/(1/cable.across + 1/(Rs + cable.arm1)))"
+    s = mp.mpc("0.3", "1.7")
+    arm, across = 2 * mp.tanh(0.5 * s / 2), 2 / mp.sinh(0.5 * s)
+    seen = 1 / (arm + 1 / (1 / across + 1 / (mp.mpf("0.2") + arm)))
+    sinh, cosh = mp.sinh(0.5 * s), mp.cosh(0.5 * s)
+    assert mp.almosteq(seen, (cosh + sinh / 10) / (2 * sinh + cosh / 5))
+    assert not any(
+        "approximate" in result[f"bond_graph/reduction/{name}"].attrs for name in ("steps", "system_a")
+    )
+
+
+def test_the_state_equations_of_a_line_are_a_linear_fractional_form():
+    result = dynid.run(scene(asked(LOADED, "results: [state_space]")))
+    A, B, C, D = (result[f"bond_graph/state_space/{name}"].data for name in "ABCD")
+    delays = result["bond_graph/state_space/delay"].data
+    assert (A.shape, B.shape, C.shape, delays.tolist()) == ((1, 1), (1, 3), (4, 1), [0.5, 0.5])
+    s = 1.3j
+    G = C @ np.linalg.solve(s * np.eye(1) - A, B) + D
+    late = np.diag(np.exp(-s * delays))
+    closed = G[:2, :1] + G[:2, 1:] @ late @ np.linalg.solve(np.eye(2) - G[2:, 1:] @ late, G[2:, :1])
+    expected = chained(s, [(2, 0.5)], [lambda s: 0.05 * s], 0.2, 50)
+    np.testing.assert_allclose(closed[:, 0], [complex(value) for value in expected], rtol=1e-13)
+
+
+LATE_LOOP = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, v: 1, m: {type: I, value: 1}, b: {type: R, value: 2}, k: {type: C, value: 1}}
+  bonds: [F -> v, v -> m, v -> b, v -> k]
+control: {loops: [{from: k.q, to: F, controller: {pid: {kp: 1, ki: 0.5}, TIMING}, setpoint: w}]}
+analysis: {inputs: [w], outputs: [k.q]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [
+        (LOADED, (7, 6)),
+        (LATE_LOOP.replace("TIMING", "delay: 0.3"), (5, 4)),
+        (LATE_LOOP.replace("TIMING", "sample: 0.1"), (5, 4)),
+    ],
+)
+def test_graphs_are_counted_as_they_are_drawn(text, size):
+    """Neither approximants of delays nor what lines and controllers consist of are counted."""
+    result = dynid.run(scene(text))
+    about = result.group_attrs["bond_graph"]
+    assert (about["nodes"], about["bonds"]) == size
+    parts = {part.name: part for part in scope_parts(result, "bond_graph")}
+    assert len(parts["elements"].kept) == size[0]
+    assert not parts["elements"].left_out
+    assert not parts["storages"].left_out
+
+
+def test_states_and_causality_of_a_late_loop_have_no_approximants():
+    text = LATE_LOOP.replace("TIMING", "delay: 0.3")
+    requested = "outputs: [k.q], results: [state_space, causality, reduction]"
+    result = dynid.run(scene(text.replace("outputs: [k.q]", requested)))
+    assert result.value("bond_graph/causality/order") == 3
+    assert len(result["bond_graph/state_space/state"].data) == 3
+    parts = {part.name: part for part in scope_parts(result, "bond_graph")}
+    assert parts["states"].left_out == 0
+    steps = result["bond_graph/reduction/steps"].data
+    assert steps[0]["equation"] == "F.delay = -exp(-0.3*s)"
+    assert not any("x2" in node for step in steps for node in step["nodes"].split(", "))
 
 
 @pytest.mark.parametrize(

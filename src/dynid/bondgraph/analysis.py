@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.arithmetic.ldl import reference
-from dynid.bondgraph.analysis_request import ENGINES, RESULTS, Analysis
+from dynid.bondgraph.analysis_request import ENGINES, RESULTS, Analysis, needed_parts
 from dynid.bondgraph.field_expansion import field_warnings
 from dynid.bondgraph.graph import Bond, BondGraph
 from dynid.bondgraph.reduced_graph import ReducedGraph
@@ -45,10 +45,11 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if analysis.reading == "binary":
         graph = graph.rounded()
     result = Result("bond-graph", title)
+    nodes, bonds = analysis.size if analysis.in_time else (len(graph.nodes), len(graph.bonds))
     result.annotate(
         "bond_graph",
-        nodes=len(graph.nodes),
-        bonds=len(graph.bonds),
+        nodes=nodes,
+        bonds=bonds,
         inputs=listed_names(analysis.inputs),
         outputs=listed_names([str(port) for port in analysis.outputs]),
     )
@@ -65,10 +66,10 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if "causality" in analysis.results:
         from dynid.bondgraph.results.causality import add_causality
 
-        causality = add_causality(result, graph)
+        causality = add_causality(result, analysis.undelayed if analysis.late else graph)
     try:
         report_progress("reducing the graph")
-        traced = bool(analysis.results & {"reduction", "prototype"})
+        traced = bool(analysis.results & {"reduction", "prototype"}) and not analysis.late
         reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=traced)
     except Singular:
         _cut_loops(analysis)  # says so where a loop is the cause
@@ -77,12 +78,12 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         open_parts = hold(JunctionStructure(graph), ())  # raises where the graph has no solution
         warnings += [undetermined.error.problem for undetermined in open_parts]
         result.add_axis("bond_graph/warnings", np.array(warnings, dtype=object))
-        _add_graph_scope(result, None, analysis)
+        _add_graph_scope(result, None, None, analysis)
         return result
     warnings += reduced.undetermined
     if warnings:
         result.add_axis("bond_graph/warnings", np.array(warnings, dtype=object))
-    if causality is not None:
+    if causality is not None and not analysis.in_time:
         from dynid.bondgraph.results.causality import add_zero_dynamics
 
         add_zero_dynamics(result, reduced, causality)
@@ -91,9 +92,9 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         add_reductions(result, reduced, analysis)
     if analysis.port is not None:
         _add_port(result, reduced, analysis, analysis.port)
-    _add_responses(result, reduced, analysis)
-    _add_graph_scope(result, reduced, analysis)
-    if any(loop.delayed for loop in analysis.loops) and analysis.sampled_loops is None:
+    modelled = _add_responses(result, reduced, analysis)
+    _add_graph_scope(result, reduced, modelled, analysis)
+    if analysis.late and analysis.sampled_loops is None:
         from dynid.bondgraph.results.margin_results import with_delays
 
         return with_delays(result, analysis)
@@ -142,7 +143,7 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
     elif analysis.opened is not None and "properties" in asked:
         from dynid.bondgraph.results.channels import add_system, closed_verdict
 
-        add_system(result, closed_verdict(reduced, delayed=any(loop.delayed for loop in analysis.loops)))
+        add_system(result, closed_verdict(reduced, delayed=analysis.late))
     _add_engineering(result, reduced, analysis)
     if "sensitivities" in asked:
         report_progress("sensitivities")
@@ -178,7 +179,7 @@ def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) 
         from dynid.bondgraph.results.characteristics import add_characteristics
 
         steps = bandwidths = None
-        if any(loop.delayed for loop in analysis.loops):
+        if analysis.late:
             from dynid.bondgraph.results.delayed_channels import channel_bandwidths, channel_steps
 
             opened = analysis.opened_as_read
@@ -197,9 +198,9 @@ def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) 
             add_source_performance(result, graph, analysis.inputs, analysis.omega)
 
 
-def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
-    """Add the state equations, and responses over frequency and time."""
-    asked, late = analysis.results, any(loop.delayed for loop in analysis.loops)
+def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) -> ReducedGraph:
+    """Add the state equations, and responses over frequency and time; return the graph of the states."""
+    asked, late = analysis.results, analysis.late
     delayed: DelaySystem | None = None
     modelled = reduced
     outputs, stored = reduced.outputs, tuple(analysis.initial)
@@ -248,6 +249,7 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
 
             report_progress("nonlinear time response")
             add_nonlinear_response(result, analysis)
+    return modelled
 
 
 def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: Bond) -> None:
@@ -264,24 +266,21 @@ def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: B
 # --- scope of the model ----------------------------------------------------------------------------
 
 
-def _add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Analysis) -> None:
+def _add_graph_scope(
+    result: Result, reduced: ReducedGraph | None, modelled: ReducedGraph | None, analysis: Analysis
+) -> None:
     """Add the scope of the model: elements, storages, states, engines and results, used and left out."""
     parts = [*analysis.approximations]
-    if reduced is not None:
-        nodes = list(reduced.graph.nodes)
-        left_out = set(nodes).intersection(*map(reduced.dropped, reduced.outputs))
-        kept = dict.fromkeys(name for name in nodes if name not in left_out)
-        inside = [name for name in reduced.storages if name in kept]
-        parts.append(divided("elements", nodes, kept, "no output depends on them"))
-        parts.append(divided("storages", reduced.storages, inside, "no output depends on them"))
+    if reduced is not None and modelled is not None:
+        parts += needed_parts(reduced, analysis)
         about = result.group_attrs.get("bond_graph/time_response", {})
-        late = any(loop.delayed for loop in analysis.loops)  # the storages are those of approximants
-        if "bond_graph/state_space/state" in result or ("states" in about and not late):
+        if "bond_graph/state_space/state" in result or ("states" in about and not analysis.late):
             states = str(about.get("states", "")).split(", ")
             if "bond_graph/state_space/state" in result:
                 states = result["bond_graph/state_space/state"].data.tolist()
             states = [name for name in states if name]
-            dependent = max(0, len(inside) - len(states))
+            unneeded = set(modelled.storages).intersection(*map(modelled.dropped, modelled.outputs))
+            dependent = max(0, len(modelled.storages) - len(unneeded) - len(states))
             reason = "storage elements in derivative causality"
             parts.append(ScopePart("states", states, dependent, reason))
     about = result.group_attrs["bond_graph"]

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from dynid import defaults
 from dynid.bondgraph.graph import Bond, Port
-from dynid.model_scope import ScopePart
+from dynid.model_scope import ScopePart, divided
 from dynid.number_format import counted
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from dynid.bondgraph.controller_circuits import Loop
+    from dynid.bondgraph.controller_circuits import ClosedLoops, Loop
     from dynid.bondgraph.graph import BondGraph
     from dynid.bondgraph.operating_point.linearisation import Linearisation
     from dynid.bondgraph.reduced_graph import ReducedGraph
@@ -95,6 +95,7 @@ MAX_TRANSMISSION_LINES = 8
 # Results of graphs with lines (TL).
 _WITH_LINES: frozenset[ResultName] = frozenset(
     {"transfer_function", "zeros", "poles", "properties", "step_info", "frequency_response", "time_response"}
+    | {"reduction", "state_space"}
 )
 #: Results that the symbolic engine has no numbers for.
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
@@ -163,6 +164,53 @@ class Analysis:
     apart: bool = False
 
     @property
+    def late(self) -> bool:
+        """True if a loop has a delay."""
+        return any(loop.delayed for loop in self.loops)
+
+    @property
+    def in_time(self) -> bool:
+        """True if a loop has a delay or is sampled: its graph is a circuit of approximants, or cut."""
+        return any(loop.delayed or loop.sampling is not None for loop in self.loops)
+
+    def scene_nodes(self, graph: BondGraph) -> dict[str, str]:
+        """Return by node of a graph that of the scene: a line for what is in it, none for controllers."""
+        assert self.opened is not None
+        lines, drawn = {loop.line for loop in self.loops} - {""}, self.opened.nodes
+        return {
+            name: node.part if node.part in lines else name
+            for name, node in graph.nodes.items()
+            if node.part in lines or name in drawn
+        }
+
+    @cached_property
+    def named_delays(self) -> ClosedLoops:
+        """The graph for formulas without numbers: each delay is a factor, each line a T of impedances."""
+        from dynid.bondgraph.controller_circuits import close_loops
+        from dynid.bondgraph.transmission_line import lines_as_circuits
+
+        assert self.opened is not None
+        lines = dict.fromkeys(loop.line for loop in self.loops if loop.line)
+        feedback = [loop for loop in self.loops if not loop.line]
+        return close_loops(lines_as_circuits(self.opened, lines), feedback, named=True)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The numbers of nodes and bonds without feedback, a line as one node."""
+        assert self.opened is not None
+        owners = self.scene_nodes(self.opened)
+        return len({*owners.values()}), sum(owners[a] != owners[b] for a, b in self.opened.bonds)
+
+    @property
+    def undelayed(self) -> BondGraph:
+        """The closed graph with sources in place of delayed answers, and sampled loops cut."""
+        from dynid.bondgraph.controller_circuits import close_loops
+
+        assert self.opened is not None
+        loops = [loop if loop.sampling is None else loop.cut() for loop in self.loops]
+        return close_loops(self.opened, loops, cut=True).graph
+
+    @property
     def opened_as_read(self) -> BondGraph:
         """The graph without feedback, with the values as they are read."""
         assert self.opened is not None
@@ -180,6 +228,25 @@ class Analysis:
         from dynid.bondgraph.sampled_loops import SampledLoops
 
         return SampledLoops(self.opened_as_read, self.loops)
+
+
+def needed_parts(reduced: ReducedGraph, analysis: Analysis) -> tuple[ScopePart, ScopePart]:
+    """Return the elements and the storages that the outputs depend on, and those that none does.
+
+    With delays or samples they are those of the scene, their loops closed.
+    """
+    from dynid.bondgraph.reduced_graph import ReducedGraph
+
+    names = {name: name for name in reduced.graph.nodes}
+    if analysis.in_time:
+        graph = analysis.named_delays.graph
+        names = analysis.scene_nodes(graph)
+        reduced = ReducedGraph(graph, reduced.inputs, reduced.outputs, traced=False)
+    unneeded = set(names).intersection(*map(reduced.dropped, reduced.outputs))
+    kept = [shown for name, shown in names.items() if name not in unneeded]
+    storages = [name for name in reduced.storages if name in names]
+    why = "no output depends on them"
+    return divided("elements", names.values(), kept, why), divided("storages", storages, kept, why)
 
 
 # --- choice of the engine --------------------------------------------------------------------------

@@ -81,6 +81,8 @@ class Loop:
         return replace(self, numerator=numerator, denominator=denominator, delay=Fraction(0))
 
 
+#: The gain that stands for a delay where formulas have its name: no sum of others vanishes with it.
+_GENERIC_GAIN = Fraction(104729, 7919)
 #: Order of the Padé approximants of delays, in whatever needs a rational function.
 PADE_ORDER = 6
 
@@ -109,7 +111,7 @@ def _product(a_coefficients: Polynomial, b_coefficients: Polynomial) -> list[Rea
 
 
 @dataclass(frozen=True)
-class _ClosedLoops:
+class ClosedLoops:
     """A graph with its loops closed."""
 
     graph: BondGraph
@@ -122,17 +124,22 @@ class _ClosedLoops:
     delayed: tuple[tuple[str, Port], ...] = ()
 
 
-def close_loops(graph: BondGraph, loops: Iterable[Loop], *, cut: bool = False) -> _ClosedLoops:
+def close_loops(
+    graph: BondGraph, loops: Iterable[Loop], *, cut: bool = False, named: bool = False
+) -> ClosedLoops:
     """Return a graph with feedback; delays are approximated, sampled loops cut, or delays are `cut` out.
+
+    `named`: a delay is a factor of a name of its own, in formulas without numbers.
 
     Raises `UsageError` if a controller differentiates more than once.
     """
-    circuit, loops = Circuit(graph), list(loops)
+    circuit, loops = Circuit(graph, named=named), list(loops)
     for source in dict.fromkeys(loop.source for loop in loops):
         circuit.drive(source)
-    answered = tuple(circuit.close(loop if cut else loop.approximated()) for loop in loops)
+    exact = cut or named
+    answered = tuple(circuit.close(loop if exact else loop.approximated()) for loop in loops)
     closed = BondGraph(circuit.nodes.values(), circuit.bonds)
-    return _ClosedLoops(closed, circuit.variables, answered, circuit.integrals, tuple(circuit.delayed))
+    return ClosedLoops(closed, circuit.variables, answered, circuit.integrals, tuple(circuit.delayed))
 
 
 class Circuit:
@@ -140,8 +147,8 @@ class Circuit:
 
     part = "control"  # of the nodes that are added
 
-    def __init__(self, graph: BondGraph) -> None:
-        self.graph = graph
+    def __init__(self, graph: BondGraph, *, named: bool = False) -> None:
+        self.graph, self.named = graph, named
         self.nodes = dict(graph.nodes)
         self.bonds = list(graph.bonds)
         self.driven: dict[str, int] = {}  # by driven source 1 where its arrow points away, else -1
@@ -171,20 +178,14 @@ class Circuit:
     def close(self, loop: Loop) -> Port:
         """Add a controller, the reference and the setpoint; return what the controller answers to.
 
-        A delayed answer ends as the flow of a unit resistor; a source stands for what it is a delay later.
+        A delayed answer ends as the flow of a unit resistor; a source, or where delays are `named` an
+        activated bond, stands for what it is a delay later.
         """
         kind: NodeType = "Se" if self.graph.nodes[loop.source].type == "Se" else "Sf"
         if loop.reference:
             self.nodes[loop.reference] = Node(loop.reference, kind)
             self._add_source(loop.reference, loop.source)
-        answer = loop.source
-        if reference(loop.delay):
-            delayed = self._add(kind, f"{loop.source}.delayed")
-            self._add_source(delayed, loop.source)
-            answer = self._add("1", f"{loop.source}.answer")
-            self.delayed.append((delayed, Port(answer, "f")))
-            self.bonds.append(Bond(answer, self._add("R", f"{answer}_R", Fraction(1))))
-            self.driven[answer] = 1
+        answer = self._prompt_answer(loop.source, kind) if reference(loop.delay) else loop.source
         at, scale = self.measure(loop.measured, loop.source)
         answered = self.variables.get(loop.measured, loop.measured)
         if loop.setpoint:
@@ -218,6 +219,20 @@ class Circuit:
         for state, coefficient in zip(states, remainder, strict=False):
             self._feed(state, answer, scale * coefficient)
         return answered
+
+    def _prompt_answer(self, source: str, kind: NodeType) -> str:
+        """Return the junction of an answer that reaches a driven source a delay later."""
+        answer = self._add("1", f"{source}.answer")
+        if self.named:
+            delayed = self._add(ACTIVATED, f"{source}.delay", -self.driven[source] * _GENERIC_GAIN)
+            self.bonds += [Bond(answer, delayed), Bond(delayed, source)]
+        else:
+            delayed = self._add(kind, f"{source}.delayed")
+            self._add_source(delayed, source)
+        self.delayed.append((delayed, Port(answer, "f")))
+        self.bonds.append(Bond(answer, self._add("R", f"{answer}_R", Fraction(1))))
+        self.driven[answer] = 1
+        return answer
 
     def measure(self, port: Port, owner: str) -> tuple[str, Real]:
         """Return a junction whose common variable, times a factor, is a variable of the graph."""

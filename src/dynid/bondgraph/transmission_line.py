@@ -7,14 +7,15 @@ line is a resistance and a source at each end, and a loop with a delay from eith
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
+from dataclasses import replace
 from fractions import Fraction
 from typing import NamedTuple
 
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arithmetic.ldl import reference
 from dynid.bondgraph.controller_circuits import Loop
-from dynid.bondgraph.graph import ACTIVATED, Bond, Node, NodeType, Port
+from dynid.bondgraph.graph import ACTIVATED, Bond, BondGraph, Node, NodeType, Port
 from dynid.bondgraph.reduction.junctions import unique
 
 
@@ -63,3 +64,29 @@ def expand_line(
         for wave, arriving in zip(waves, arrivals[::-1], strict=True)
     ]
     return _ExpandedLine(nodes, bonds, loops, (ends[0], ends[1]))
+
+
+def lines_as_circuits(graph: BondGraph, lines: Iterable[str]) -> BondGraph:
+    """Return a graph with each of its lines as a T of impedances, Z tanh(s T/2), Z/sinh(s T), Z tanh(s T/2).
+
+    They are resistances by name: the graph is one of formulas without numbers.
+    """
+    nodes, bonds = dict(graph.nodes), list(graph.bonds)
+    for line in lines:
+        inside = {name: node for name, node in nodes.items() if node.part == line}
+        (entry,) = (bond.head for bond in bonds if bond.head in inside and bond.tail not in inside)
+        (exit_,) = (bond.tail for bond in bonds if bond.tail in inside and bond.head not in inside)
+        bonds = [bond for bond in bonds if not inside.keys() >= set(bond)]
+        impedance = next(node for node in inside.values() if node.type == "R")
+        nodes = {name: node for name, node in nodes.items() if name not in inside.keys() - {entry, exit_}}
+
+        def add(preferred: str, node: Node) -> str:
+            name = unique(f"{node.part}.{preferred}", nodes)  # noqa: B023 (called at once)
+            nodes[name] = replace(node, name=name)  # noqa: B023
+            return name
+
+        middle = add("middle", replace(nodes[entry], type="0"))
+        arms = [add(f"arm{end}", impedance) for end in (1, 2)]
+        bonds += [Bond(entry, arms[0]), Bond(entry, middle), Bond(middle, exit_), Bond(exit_, arms[1])]
+        bonds.append(Bond(middle, add("across", impedance)))
+    return BondGraph(nodes.values(), bonds)

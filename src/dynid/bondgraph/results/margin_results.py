@@ -401,11 +401,12 @@ _TRUE = tuple(
     for name in (
         *("frequency_response", "frequency_peaks", "margins", "sensitivity_functions", "root_locus"),
         *("time_response", "state_space", "system", "operating_point", "need", "port/performance"),
+        *("causality", "reduction"),
     )
 )
 #: Arrays and verdicts of channels that approximants do not change, or that are replaced by the true ones.
 _EXACT = (
-    *("/stable", "/stability", "/dc_gain", "/output", "/input", "/warnings", "/approximations"),
+    *("/stable", "/stability", "/prototype", "/dc_gain", "/output", "/input", "/warnings", "/approximations"),
     *("/step_status", "/initial_value", "/rise_time", "/settling_time", "/transient_time"),
     *("/overshoot", "/undershoot", "/peak", "/peak_time"),
     *("/bandwidth_status", "/bandwidth", "/peak_gain", "/peak_frequency", "/half_power_low"),
@@ -421,6 +422,7 @@ def with_delays(result: Result, analysis: Analysis) -> Result:
     opened = analysis.opened.rounded() if analysis.reading == "binary" else analysis.opened
     true = true_channels(result, analysis, opened) | _high_frequencies(result, analysis)
     marked_result = Result(result.kind, result.title, result.attrs)
+    approximated = False
     for path, replacement in true.items():
         if replacement is not None:
             marked_result.put(path, replacement)
@@ -428,14 +430,15 @@ def with_delays(result: Result, analysis: Analysis) -> Result:
         if path in true:
             continue
         if _approximate(path) and not path.endswith(_EXACT):
-            attributes = {**variable.attrs, "approximate": text}
+            approximated, attributes = True, {**variable.attrs, "approximate": text}
             marked_result.put(path, replace(variable, attrs=attributes))
         else:
             marked_result.put(path, variable)
     for group, attributes in result.group_attrs.items():
         marked = {"approximate": text} if _approximate(f"{group}/") else {}
         marked_result.annotate(group, **attributes, **marked)
-    marked_result.annotate("bond_graph", delays=f"{text} in what is a rational function; {_NOTE}")
+    note = f"{text} in what is a rational function; {_NOTE}" if approximated else _NOTE
+    marked_result.annotate("bond_graph", delays=note)
     return marked_result
 
 
@@ -443,7 +446,8 @@ _NOTE = "responses, margins and verdicts on stability have the delays as they ar
 
 
 def _approximate(path: str) -> bool:
-    return path.startswith("bond_graph/") and path != "bond_graph/" and not path.startswith(_TRUE)
+    exact = path.startswith(_TRUE) and not path.startswith("bond_graph/reduction/dynamics")
+    return path.startswith("bond_graph/") and path != "bond_graph/" and not exact
 
 
 def _high_frequencies(result: Result, analysis: Analysis) -> dict[str, Variable | None]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arithmetic.ldl import reference
 from dynid.bondgraph.analysis_request import Analysis, Engine, modelled_storages
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.formula_printers import ATOM, LATEX, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
@@ -33,20 +34,55 @@ _MAX_SYSTEM_OPERATIONS = 40
 
 def add_reductions(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Add the steps to every output, the prototypes and their dynamics, as far as they are asked for."""
+    drawn, rows = reduced, list[tuple[str, ...]]()
+    if analysis.late:
+        drawn = ReducedGraph(analysis.named_delays.graph, reduced.inputs, reduced.outputs)
+        rows = [*_delay_rows(analysis)]
     if "reduction" in analysis.results:
-        reductions = {str(port): reduction for port, reduction in reduced.reductions.items()}
-        add_traces(result, "bond_graph/reduction", reduced, reductions, "output")
-    _add_prototypes(result, reduced)
+        reductions = {str(port): reduction for port, reduction in drawn.reductions.items()}
+        add_traces(result, "bond_graph/reduction", drawn, reductions, "output", rows)
+    _add_prototypes(result, drawn)
     if "prototype" in analysis.results:
         _add_output_dynamics(result, reduced, analysis.engine)
 
 
+def _delay_rows(analysis: Analysis) -> Iterator[tuple[str, ...]]:
+    """Yield what the names of delays and lines stand for: rule, nodes, equation, meaning and LaTeX."""
+    graph, late = analysis.named_delays.graph, [loop for loop in analysis.loops if loop.delayed]
+    for (name, _), loop in zip(
+        analysis.named_delays.delayed, (loop for loop in late if not loop.line), strict=True
+    ):
+        sign, delay = "-" if graph.value(name) < 0 else "", f"{float(reference(loop.delay)):g}"
+        meaning = f"the answer of the loop from {loop.measured} to {loop.source} is {delay} s late"
+        texts = (f"{hand.name(name)[0]} = {sign}" for hand in (TEXT, LATEX))
+        text, latex = next(texts) + f"exp(-{delay}*s)", next(texts) + f"e^{{-{delay} s}}"
+        yield "delay", name, text, meaning, latex
+    for loop in {loop.line: loop for loop in late if loop.line}.values():
+        arms = [name for name, node in graph.nodes.items() if node.part == loop.line and node.type == "R"]
+        Z, T = (f"{float(reference(value)):g}" for value in (graph.value(arms[0]), loop.delay))
+        meaning = f"line {loop.line} is a T of impedances: one along each half, one across"
+        first, second, across = arms
+        text = f"{first} = {second} = {Z}*tanh({T}*s/2); {across} = {Z}/sinh({T}*s)"
+        first, second, across = (LATEX.name(arm)[0] for arm in arms)
+        tanh, sinh = rf"{Z} \tanh\frac{{{T} s}}{{2}}", rf"\frac{{{Z}}}{{\sinh {T} s}}"
+        yield "line", loop.line, text, meaning, rf"{first} = {second} = {tanh};\quad {across} = {sinh}"
+
+
 def add_traces(
-    result: Result, group: str, planned: GraphProgram, reductions: Mapping[str, Reduction], of: str
+    result: Result,
+    group: str,
+    planned: GraphProgram,
+    reductions: Mapping[str, Reduction],
+    of: str,
+    definitions: Sequence[tuple[str, ...]] = (),
 ) -> None:
-    """Add the steps of reductions as one table; its column `of` says which reduction a step belongs to."""
+    """Add the steps of reductions as one table; its column `of` says which reduction a step belongs to.
+
+    `definitions`: rows ahead of each: rule, nodes, equation, meaning and LaTeX.
+    """
     rows = []
     for name, reduction in reductions.items():
+        rows += [(*definition[:4], name, definition[4]) for definition in definitions]
         written = zip(*(equations(planned, reduction, hand) for hand in (TEXT, LATEX)), strict=True)
         for step, (text, latex) in zip(reduction.steps, written, strict=True):
             rows.append((step.rule, ", ".join(step.nodes), text, step.meaning, name, latex))

@@ -106,7 +106,8 @@ def _graph(result: Result, remarks: list[str], warnings: list[str]) -> Iterator[
     blocks: list[Block] = []
     if "nodes" in about:
         size = f"{counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"
-        if "bond_graph/margins/loop" in result:
+        in_time = "delays" in about or "bond_graph/sampled/pole" in result
+        if "bond_graph/margins/loop" in result and not in_time:
             size += ", controllers and their delays included"
         blocks = [on_page(definitions(("size", size), ("engine", reason))), on_screen(Statement(size))]
     if engine not in ("", "exact") or "decides" in reason:
@@ -126,7 +127,7 @@ def system_text(result: Result) -> str:
     if "bond_graph/system/stability" not in result:
         return ""
     kind, reason = (str(result.value(f"bond_graph/system/{name}")) for name in ("stability", "reason"))
-    if "bond_graph/margins/loop" not in result:
+    if "bond_graph/margins/loop" not in result and "bond_graph/margins/pole" not in result:
         paths = [path for path in result if path.startswith("bond_graph/properties/")]
         kinds = {str(result.value(path)) for path in paths if path.endswith("/stability")}
         if kinds and all(text.startswith(kind) for text in kinds):
