@@ -59,14 +59,15 @@ def test_the_loop_is_the_sum_over_aliases(Rs):
         assert loops.gain(0, np.array([omega]))[0] == pytest.approx(expected, abs=2e-5 * abs(expected) + 1e-6)
 
 
-def test_a_matched_line_is_a_dead_time():
+@pytest.mark.parametrize("delay", [0.15, 0.123])
+def test_a_matched_line_is_a_dead_time(delay):
     """Rs = Z: the plant is exp(-0.15 s)/(2 (1 + ...)), whose polynomial in z is finite."""
-    loops = loops_of(LINE.replace("value: 0.4", "value: 2"))
-    # x' = -rate x + gain u(t - 0.19): 0.19 = T + 0.09
+    loops = loops_of(LINE.replace("value: 0.4", "value: 2").replace("delay: 0.15", f"delay: {delay}"))
+    rest = delay + 0.04 - T  # x' = -rate x + gain u(t - T - rest)
     rate, gain = (1 / 2 + 1 / 5) / 0.5, 1 / (2 * 0.5)
     decay = np.exp(-rate * T)
-    late, early = (gain / rate * (1 - np.exp(-rate * t)) for t in (0.01, 0.09))
-    newest, before = late, np.exp(-rate * 0.01) * early
+    late, early = (gain / rate * (1 - np.exp(-rate * t)) for t in (T - rest, rest))
+    newest, before = late, np.exp(-rate * (T - rest)) * early
     plant = np.array([newest, before])  # over z (z - decay), times z^-1
     controller = np.array([0.8 + 0.025, -0.8 + 0.025])
     closed = np.polyadd(np.polymul([1, -decay, 0, 0], [1, -1]), np.polymul(plant, controller))

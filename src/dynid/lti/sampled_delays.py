@@ -1,12 +1,12 @@
 """Sampled controllers around a plant with delays inside: a function of z in place of a polynomial.
 
 Delays τ_i = a_i g and the period T = m g are multiples of a common part g. Of a solution that is multiplied
-by z in every period, the m stretches of length g of a period are one system of m times the states of the
-plant, in which the delays join one stretch to another, times a power of 1/z: v = P(z) (C X + D u + E v) is
-eliminated, and X follows by exponentials, up to every instant at which what is held changes. Each stretch
-begins as the one before ends, X(g) = Π(z) X(0). With controllers and what they hold the equations are
-T(z) ξ = 0: det T is analytic outside the circle on which its zeros, the discrete poles, gather (zeros of
-det(1 - P E), of ever higher frequency), and grows as z^n, with n states of plant and controllers.
+by z in every period, the m stretches of length g of a period are x_i = Σ w^i X over the roots w^m = z. A
+delay is a power of w: v = P(w) (C X + D u + E v) is eliminated, and X of each mode follows by exponentials,
+up to every instant at which what is held changes. Each stretch begins as the one before ends, w X(0) = X(g).
+With controllers and what they hold the equations are T(z) ξ = 0: det T is analytic outside the circle on
+which its zeros, the discrete poles, gather (zeros of det(1 - P E), of ever higher frequency), and grows as
+z^n, with n states of plant and controllers.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ from dynid.lti.exponential import balance, exponentials, rescaled
 from dynid.lti.sampled_system import SampledController
 from dynid.lti.state_space import StateSpace
 
-#: States of all stretches: the exponentials of more take seconds.
-_MAX_STATES = 150
+#: States of all stretches: margins of more take many seconds.
+_MAX_STATES = 400
+#: Entries of the matrices of all modes and values of z that are held at once.
+_CHUNK_SIZE = 400_000
 #: Points on the unit circle: the first trial and the last one, each twice as many.
 _FIRST_POINTS, _LAST_POINTS = 128, 16_384
 #: Sum of the last eighth of the coefficients relative to the smallest value on the circle: such a remainder
@@ -89,60 +91,63 @@ class SampledDelays:
         ]
         self.order = len(plant.A) + sum(len(controller.h) for controller in controllers)
 
-    def _equations(self, z: ComplexArray) -> ComplexArray:
-        """Return T at values of z (N x unknowns x unknowns): states, controller states, what is held."""
-        m, n, late, loops = self._stretches, len(self._A), len(self._shifts), len(self._controllers)
-        count, unity = len(z), np.eye(m)
-        joined = np.zeros((count, m, late, m, late), complex)  # v of a stretch from z of another one
-        for i in range(m):
-            for k, shift in enumerate(self._shifts):
-                joined[:, i, k, (i - shift) % m, k] = z ** ((i - shift) // m)
-        P = joined.reshape(count, m * late, m * late)
-        arriving = np.linalg.solve(np.eye(m * late) - P @ np.kron(unity, self._E), P)
-        from_states, from_held = arriving @ np.kron(unity, self._Cz), arriving @ np.kron(unity, self._Dz)
-        A = np.kron(unity, self._A) + np.kron(unity, self._Bv) @ from_states
-        B = np.kron(unity, self._B) + np.kron(unity, self._Bv) @ from_held
-        X, held_now = np.broadcast_to(np.eye(m * n, m * n + loops) + 0j, (count, m * n, m * n + loops)), []
+    def _equations(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return T, without the states of all modes but the first, and det of what these are, at values of z.
+
+        T: N x unknowns x unknowns: states of the first mode, controller states, what is held.
+        """
+        size = self._stretches * (len(self._A) + len(self._controllers)) ** 2
+        chunks = np.array_split(z + 0j, 1 + len(z) * size // _CHUNK_SIZE)
+        equations, factors = zip(*map(self._equations_at_once, chunks), strict=True)
+        return np.concatenate(equations), np.concatenate(factors)
+
+    def _equations_at_once(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        m, n, loops = self._stretches, len(self._A), len(self._controllers)
+        stretches = np.arange(m)
+        # x_i = sum of w^i X over the modes, w^m = z
+        w = z[:, None] ** (1 / m) * np.exp(2j * np.pi * stretches / m)
+        P = w[:, :, None] ** -np.array(self._shifts, dtype=float)
+        late = P[:, :, :, None] * np.eye(len(self._shifts))
+        arriving = late @ np.linalg.inv(np.eye(len(self._shifts)) - self._E @ late)
+        from_states, from_held = arriving @ self._Cz, arriving @ self._Dz
+        A, B = self._A + self._Bv @ from_states, self._B + self._Bv @ from_held
+        X, held = np.broadcast_to(np.eye(n, n + loops) + 0j, (*w.shape, n, n + loops)), []
+        weights = w[:, :, None] ** -stretches / m
         for length, newest in self._parts:
-            held = np.zeros((count, m * loops, loops), complex)
-            for i, row in enumerate(newest):
-                for j, new in enumerate(row):
-                    held[:, i * loops + j, j] = z ** (-self._steps[j] - (not new))
-            held_now.append(held)
-            joint = np.zeros((count, m * n + loops, m * n + loops), complex)
-            joint[:, : m * n] = np.concatenate([A, B @ held], axis=2) * length
-            E = exponentials(joint)[:, : m * n]
-            X = E[:, :, : m * n] @ X
-            X = X + np.concatenate([np.zeros_like(E[:, :, : m * n]), E[:, :, m * n :]], axis=2)
+            late_by = np.array(self._steps) + ~np.array(newest)
+            held.append(z[:, None, None] ** -late_by)
+            joint = np.zeros((*w.shape, n + loops, n + loops), complex)
+            joint[..., :n, :n] = A
+            joint[..., :n, n:] = B * (weights @ held[-1])[:, :, None, :]
+            E = exponentials(joint * length)[..., :n, :]
+            X = E[..., :n] @ X
+            X[..., n:] += E[..., n:]
         # What is measured has what is held until now, and what arrives after jumps now.
-        before = held_now[-1][:, (m - 1) * loops :] / z[:, None, None]
-        measured_states = np.zeros((count, loops, m * n), complex)
-        measured_states[:, :, :n] = self._C
-        measured_states += self._Dv @ from_states[:, :late]
-        measured_held = self._D @ before + self._Dv @ (from_held @ held_now[0])[:, :late]
-        measured = np.concatenate([measured_states, measured_held], axis=2)
+        before = held[-1][:, m - 1, None] / z[:, None, None] * self._D
+        jumped = self._Dv @ (from_held * (weights @ held[0])[:, :, None, :])
+        states, moving = w[:, :, None, None] * np.eye(n) - X[..., :n], X[..., n:]
+        shown = self._C + self._Dv @ from_states
+        others = shown[:, 1:] @ np.linalg.solve(states[:, 1:], moving[:, 1:])
+        measured = np.concatenate([shown[:, 0], before + jumped.sum(axis=1) + others.sum(axis=1)], axis=2)
         sizes = [len(controller.h) for controller in self._controllers]
-        first, size = m * n, m * n + sum(sizes) + loops
-        T = np.zeros((count, size, size), complex)
-        columns = [*range(m * n), *range(size - loops, size)]
-        T[:, : m * n, columns] = -X
-        for i in range(m):
-            block = np.arange(n)
-            T[:, i * n + block, (i + 1) % m * n + block] += (z if i == m - 1 else np.ones_like(z))[:, None]
+        first, size = n, n + sum(sizes) + loops
+        T = np.zeros((len(z), size, size), complex)
+        columns = [*range(n), *range(size - loops, size)]
+        T[:, :n, columns] = np.concatenate([states[:, 0], -moving[:, 0]], axis=2)
         for j, controller in enumerate(self._controllers):
             rows = np.arange(first, first + sizes[j])
-            T[np.ix_(np.arange(count), rows, rows)] = z[:, None, None] * np.eye(sizes[j]) - controller.F
-            T[np.ix_(np.arange(count), rows, columns)] -= controller.g[:, None] * measured[:, j, None, :]
+            T[np.ix_(np.arange(len(z)), rows, rows)] = z[:, None, None] * np.eye(sizes[j]) - controller.F
+            T[np.ix_(np.arange(len(z)), rows, columns)] -= controller.g[:, None] * measured[:, j, None, :]
             answer = size - loops + j
             T[:, answer, rows] = controller.h
             T[:, answer, columns] += controller.d * measured[:, j]
             T[:, answer, answer] += 1
             first += sizes[j]
-        return T
+        return T, np.linalg.det(states[:, 1:]).prod(axis=1)
 
     def answers(self, z: ComplexArray) -> ComplexArray:
         """Return what the closed loops hold in answer to sequences added to what is measured, by loop."""
-        T, loops = self._equations(z), len(self._controllers)
+        (T, _), loops = self._equations(z), len(self._controllers)
         added = np.zeros((T.shape[1], loops))
         first = T.shape[1] - loops - sum(len(controller.h) for controller in self._controllers)
         for j, controller in enumerate(self._controllers):
@@ -153,7 +158,7 @@ class SampledDelays:
 
     def loop(self, number: int, z: ComplexArray) -> ComplexArray:
         """Return L of a loop, the others closed."""
-        T, loops = self._equations(z), len(self._controllers)
+        (T, _), loops = self._equations(z), len(self._controllers)
         answer = T.shape[1] - loops + number
         row, held = T[:, answer].copy(), np.zeros(T.shape[1])
         row[:, answer] -= 1
@@ -164,7 +169,8 @@ class SampledDelays:
 
     def characteristic(self, z: ComplexArray) -> ComplexArray:
         """Return det T / z^n, 1 or -1 at infinity."""
-        return np.asarray(np.linalg.det(self._equations(z)) / z**self.order)
+        T, others = self._equations(z)
+        return np.asarray(np.linalg.det(T) * others / z**self.order)
 
     @cached_property
     def gathering(self) -> float:
