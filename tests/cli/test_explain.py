@@ -52,6 +52,41 @@ def test_a_graph_is_counted_and_what_no_output_depends_on_is_named():
     assert told["computes"] == "zeros, poles"
 
 
+@pytest.mark.parametrize(
+    ("mass", "told"),
+    [
+        ("3", None),
+        ("3e-9", None),  # its frequency is 2e4 times that of the others
+        ("3e-12", "2e+06; the upper ones are set by k2 = 0.01, small = 3e-12"),
+        (
+            "3e12",
+            "the upper ones are set by m = 2, k2 = 0.01, the lower ones are set by k = 0.04, small = 3e+12",
+        ),
+    ],
+)
+def test_elements_of_poles_far_from_the_others_are_named(mass, told):
+    text = """
+dynid: 1
+kind: bond-graph
+title: A mass in another unit
+graph:
+  nodes: {F: Se, one: 1, m: {type: I, value: 2}, k: {type: C, value: 0.04}, b: {type: R, value: 0.7},
+          zero: 0, k2: {type: C, value: 0.01}, two: 1, small: {type: I, value: MASS}}
+  bonds: [F -> one -> m, one -> k, one -> b, one -> zero -> k2, zero -> two -> small]
+analysis: {outputs: [small.f], results: [poles]}
+"""
+    warning = facts(explain(scene_of(text.replace("MASS", mass)))).get("warning", "")
+    assert told in warning if told else warning == ""
+
+
+@pytest.mark.parametrize(("mass", "warned"), [("1.5", False), ("1.5e-12", True)])
+def test_a_degree_of_freedom_far_above_the_others_is_named(request, mass, warned):
+    suspension = (request.config.rootpath / "configs" / "suspension.yaml").read_text()
+    text = suspension.replace("masses: [2, 2, 1.5, 1, 1]", f"masses: [2, 2, {mass}, 1, 1]")
+    warning = facts(explain(scene_of(text))).get("warning", "")
+    assert ("the upper ones are set by 3: check the units" in warning) == warned
+
+
 @pytest.mark.parametrize("stages", [1, 7, 30])
 def test_a_chain_of_n_stages_has_2n_states(stages):
     explained = explain(scene_of(chain_scene(stages)))

@@ -18,6 +18,7 @@ from dynid.result import Result
 from dynid.scene.explanation import Explanation, Fact
 from dynid.scene.kinds.bond_graph import question, unused_grids
 from dynid.scene.kinds.synthesis import driving_function
+from dynid.scene.kinds.time_scales import graph_time_scales
 from dynid.scene.load import Scene
 from dynid.scene.schema.bond_graph import BondGraphScene
 from dynid.scene.schema.synthesis import SynthesisScene
@@ -54,6 +55,8 @@ def explain(scene: Scene) -> Explanation:
     order = f"{counted(causality.order, 'state')}, {counted(storages, 'storage element')}"
     facts.append(Fact("order", order))
     facts += [Fact("warning", sentence) for sentence in (*field_warnings(graph), *reduced.undetermined)]
+    report_progress("comparing time scales")
+    facts += graph_time_scales(reduced)
     outputs, inputs = (join_nodes([*map(str, names)]) for names in (reduced.outputs, reduced.inputs))
     facts.append(Fact("channels", f"{outputs} from {inputs or 'no input'}"))
     if analysis.results & {"transfer_function", *NUMERIC}:

@@ -22,6 +22,7 @@ from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.scene.kinds.parts import structure_of
 from dynid.scene.kinds.planning import prospect
 from dynid.scene.kinds.signals import angular_frequencies, record_of
+from dynid.scene.kinds.time_scales import graph_time_scales, structure_time_scales
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
 from dynid.scene.schema.raw import unit_of_frequencies
@@ -48,7 +49,7 @@ def explain(scene: Scene[IdentificationScene]) -> Explanation:
             report_progress("making the basis")
             reduction = method.at(expected_values(structure)).reduce(structure)
         facts += _of_model(structure, reduction, model.reduction_method)
-        facts += node_facts(structure)
+        facts += [*node_facts(structure), *structure_time_scales(structure, expected_values(structure))]
         if model.measurement is not None:
             _add_record(scene, result, facts, [unknown.name for unknown in structure.unknowns])
         if model.responses is not None:
@@ -86,7 +87,7 @@ def _explain_graph(scene: Scene[IdentificationScene]) -> Explanation:
 
             analysis = graph_analysis(scene, model.graph_analysis, built)
             facts.append(Fact("analysis", ", ".join(sorted(analysis.results)).replace("_", " ")))
-            ReducedGraph(built.graph, analysis.inputs, analysis.outputs)  # or raises its error
+            facts += graph_time_scales(ReducedGraph(built.graph, analysis.inputs, analysis.outputs))
     except (NumericalError, UsageError) as error:
         return Explanation(result, facts, obstacle=error)
     return Explanation(result, facts)

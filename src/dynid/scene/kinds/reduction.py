@@ -17,6 +17,7 @@ from dynid.scene.kinds.measurements import channel_of, result_name
 from dynid.scene.kinds.scope import add_geometry, add_reduction_scope
 from dynid.scene.kinds.signals import angular_frequencies
 from dynid.scene.kinds.structures import add_doubts, build_structure
+from dynid.scene.kinds.time_scales import structure_time_scales
 from dynid.scene.load import Scene
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.reduction import (
@@ -237,7 +238,7 @@ def explain(scene: Scene[ReductionScene]) -> Explanation:
     result = Result("reduction", scene.title)
     n = structure.size
     facts = [Fact("model", f"{counted(n, 'DOF')}, {counted(len(structure.joints), 'joint')}")]
-    facts += node_facts(structure)
+    facts += [*node_facts(structure), *structure_time_scales(structure, {})]
     bases: dict[str, StructuralReduction] = {}
     try:
         methods = methods_of(model)
