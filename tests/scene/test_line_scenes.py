@@ -10,6 +10,7 @@ from dynid.errors import SceneError
 from dynid.model_scope import scope_parts
 from dynid.report.drawing.bond_graph import drawn_graph
 from dynid.scene.kinds.bond_graph import question
+from dynid.scene.kinds.explain_graph import explain
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
@@ -218,15 +219,19 @@ analysis: {inputs: [w], outputs: [k.q]}
 
 
 @pytest.mark.parametrize(
-    ("text", "size"),
+    ("text", "size", "order"),
     [
-        (LOADED, (7, 6)),
-        (LATE_LOOP.replace("TIMING", "delay: 0.3"), (5, 4)),
-        (LATE_LOOP.replace("TIMING", "sample: 0.1"), (5, 4)),
+        (LOADED, (7, 6), "1 state, 1 storage element, 2 delays (two of each line: cable)"),
+        (LATE_LOOP.replace("TIMING", "delay: 0.3"), (5, 4), "3 states, 3 storage elements, 1 delay"),
+        (LATE_LOOP.replace("TIMING", "sample: 0.1"), (5, 4), "2 states, 2 storage elements"),
     ],
 )
-def test_graphs_are_counted_as_they_are_drawn(text, size):
+def test_graphs_are_counted_as_they_are_drawn(text, size, order):
     """Neither approximants of delays nor what lines and controllers consist of are counted."""
+    facts = {fact.topic: fact.text for fact in explain(scene(text)).facts}
+    assert facts["graph"] == "{} nodes, {} bonds, all affect an output".format(*size)
+    assert facts["order"] == order
+    assert "warning" not in facts
     result = dynid.run(scene(text))
     about = result.group_attrs["bond_graph"]
     assert (about["nodes"], about["bonds"]) == size

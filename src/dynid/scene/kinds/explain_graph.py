@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynid.bondgraph.analysis_request import NUMERIC, RESULTS, Analysis, choose_engine
+from dynid.bondgraph.analysis_request import NUMERIC, RESULTS, Analysis, choose_engine, needed_parts
 from dynid.bondgraph.causality.report import join_nodes
 from dynid.bondgraph.field_expansion import field_warnings
 from dynid.bondgraph.graph import STORAGES
@@ -31,8 +31,11 @@ def explain(scene: Scene) -> Explanation:
         graph = graph.rounded()
     result = Result("bond-graph", scene.title)
     report_progress("assigning causality")
-    causality = add_causality(result, graph)
-    facts = [Fact("graph", f"{counted(len(graph.nodes), 'node')}, {counted(len(graph.bonds), 'bond')}")]
+    prompt = analysis.undelayed if analysis.late else graph
+    lines = dict.fromkeys(loop.line for loop in analysis.loops if loop.line)
+    causality = add_causality(Result("bond-graph") if lines else result, prompt)
+    nodes, bonds = analysis.size if analysis.in_time else (len(graph.nodes), len(graph.bonds))
+    facts = [Fact("graph", f"{counted(nodes, 'node')}, {counted(bonds, 'bond')}")]
     report_progress("reducing the graph")
     try:
         reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs)
@@ -45,23 +48,29 @@ def explain(scene: Scene) -> Explanation:
             return Explanation(result, facts, obstacle=unsolvable)
         facts += [Fact("warning", variable.error.problem) for variable in undetermined]
         return Explanation(result, facts)
-    unneeded = set.intersection(*(set(reduced.dropped(port)) for port in reduced.outputs))
-    names = [name for name in reduced.graph.nodes if name in unneeded]
+    names = needed_parts(reduced, analysis)[0].left_out
     if names:
         facts.append(Fact("left out", f"{join_nodes(names)}: no output depends on them"))
     else:
         facts = [facts[0]._replace(text=f"{facts[0].text}, all affect an output")]
-    storages = sum(node.type in STORAGES for node in graph.nodes.values())
+    storages = sum(node.type in STORAGES for node in prompt.nodes.values())
     order = f"{counted(causality.order, 'state')}, {counted(storages, 'storage element')}"
+    if delays := sum(loop.delayed for loop in analysis.loops):
+        order += f", {counted(delays, 'delay')}"
+    if lines:
+        order += f" (two of each line: {join_nodes([*lines])})"
     facts.append(Fact("order", order))
     facts += [Fact("warning", sentence) for sentence in (*field_warnings(graph), *reduced.undetermined)]
-    report_progress("comparing time scales")
-    facts += graph_time_scales(reduced)
+    if not analysis.late:  # the poles of approximants are none of the graph
+        report_progress("comparing time scales")
+        facts += graph_time_scales(reduced)
     outputs, inputs = (join_nodes([*map(str, names)]) for names in (reduced.outputs, reduced.inputs))
     facts.append(Fact("channels", f"{outputs} from {inputs or 'no input'}"))
-    if analysis.results & {"transfer_function", *NUMERIC}:
+    sampled = any(loop.sampling is not None for loop in analysis.loops)
+    if analysis.results & {"transfer_function", *NUMERIC} and not sampled:
         choice = choose_engine(reduced, analysis)
-        facts.append(Fact("engine", f"{choice.engine}: {choice.reason}"))
+        why = "with Padé approximants in what is a rational function" if analysis.late else choice.reason
+        facts.append(Fact("engine", f"{choice.engine}: {why}"))
         if choice.engine != "exact":
             facts.append(Fact("", choice.limits))
     facts += _results(scene, analysis)
