@@ -10,8 +10,10 @@ from dynid.identification.records.measurement import Experiment, Measurement, Si
 from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Multisine, Sampled, Sine
 from dynid.result import Result
+from dynid.structure.joint_laws import Jenkins
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
+from dynid.structure.model_laws import joint_law
 from dynid.structure.ports import Channel, Load
 from tests.sample import sample
 
@@ -136,6 +138,30 @@ def test_a_nonlinear_joint_is_named_with_its_parity_and_size(law, joint):
     part = 100 * fitted(signal, moved)["identification/diagnostics/residual_ratio"].data
     size = result[f"{group}/size"].data[joint, int(np.argmin(p))]
     assert 0.5 < size / np.sqrt(np.mean(part**2)) < 1.1
+
+
+def slipping(joint):
+    """Return the chain with a slider in a joint; what linear joints leave of the response is 0.3 %."""
+    slider = joint_law(Jenkins(), [JointParameter(x, signed=True) for x in (52.0, 0.275)])
+    joints = [
+        Joint(name, (k + 1, k + 2), *JOINTS[name], laws=(slider,) * (k == joint))
+        for k, name in enumerate(JOINTS)
+    ]
+    return lumped(tuple(MASSES), (Link((1,), *GROUND),), joints)
+
+
+def test_sliders_show_friction_that_functions_of_the_motion_do_not():
+    signal = drive(0, "lines")
+    result = fitted(signal, noisy(linear(signal, slipping(0)), 1, 0.003))
+    p, joint_p = (result[f"identification/nonlinearity/{name}"].data for name in ("p", "joint_p"))
+    assert joint_p[0] < 1e-6 * p.min()
+    assert verdict(result).startswith("nonlinear: joint a, odd in the motion (|d|v)")
+
+
+def test_a_slider_is_elastic_up_to_its_slip():
+    motions = np.array([[0.1, -0.2], [0.2, -0.2], [0.6, 0.0], [0.4, 0.4], [0.1, 0.1], [-0.2, 0.2]])
+    elastic = [[0.1, -0.2], [0.2, -0.2], [0.3, 0.0], [0.1, 0.3], [-0.2, 0.0], [-0.3, 0.1]]
+    assert score._slider(motions, 0.3) == pytest.approx(np.array(elastic))
 
 
 WRONG = {

@@ -4,6 +4,8 @@ At each joint six forces act on the linear model: d|d|, d^2, |d|v, dv, d^3 and |
 displacement d and velocity v that the fit predicts. Their linear responses are the derivatives of the
 prediction by the coefficients of such forces at zero, and the residual is regressed on them (score, or
 Lagrange multiplier test: C. R. Rao, Proc. Camb. Phil. Soc. 44 (1948) 50–57). No nonlinear model is fitted.
+The test of a joint has the forces of two sliders as well, elastic up to parts of the largest displacement:
+most of what friction leaves beside linear joints depends on the past, and is no function of d and v.
 
 Other errors of a model leave residuals, too. So residuals and responses are first projected off the
 regressors of the saturated model (`saturated_model`), in which amplitudes, residues and poles of any linear
@@ -18,6 +20,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +48,9 @@ from dynid.parameters import named
 
 #: The forces, of relative displacement d and velocity v.
 TERMS = ("d|d|", "d2", "|d|v", "dv", "d3", "|v|v")
+# Displacements at which sliders slip, as parts of the largest one: others share most of their response.
+_SLIPS = (0.125, 0.5)
+_FORCES = len(TERMS) + len(_SLIPS)
 # Terms that are even in the motion.
 _EVEN = ("d2", "dv")
 # Most numbers of a record's columns: of a longer record the first samples are tested.
@@ -71,7 +77,7 @@ class _Columns(NamedTuple):
     gram: Array  # of derivatives by parameters, responses to the forces, and residual (w x w)
     sizes: Array  # squares of the same columns before they were projected (w)
     signal_squares: (
-        Array  # squares of the responses over the signals' RMS, projected, by channel and sample (6 J)
+        Array  # squares of the responses over the signals' RMS, projected, by channel and sample (8 J)
     )
     degrees: float  # values less the directions that they were projected off
     variances: Array  # those that channels are weighted by (channels)
@@ -84,7 +90,7 @@ class Nonlinearity:
     joints: tuple[str, ...]
     p: Array  # p-value of each force (joints x terms), NaN where its response is that of a linear model
     size: Array  # response to each force, as the residual has it, in % of the response (joints x terms)
-    joint_p: Array  # p-value of all forces of a joint (joints)
+    joint_p: Array  # p-value of all forces of a joint, sliders included (joints)
     nonlinear_p: float  # p-value of all forces of all joints: were the joints linear
     # What all forces leave of the residual: its sum of squares over the noise, and degrees of freedom.
     left: float
@@ -152,7 +158,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
     regressors = []
     for (record, record_fit, joints), motion in zip(tested, motions, strict=True):
         shared = record.shared_regressors(record_fit).values
-        width = p + record.model.states + len(names) * len(TERMS) + 1
+        width = p + record.model.states + len(names) * _FORCES + 1
         rows = min(len(shared), _MAX_NUMBERS // (len(record.data.rms) * width + _MAX_FREE_REGRESSORS))
         forces = _forces((motion / units)[:, :rows])
         responses = _responses(record, record_fit, joints, forces).reshape(rows, len(record.data.rms), -1)
@@ -183,13 +189,24 @@ def _motions(model: ParametricModel, fit: RecordFit, joints: JointPorts) -> Arra
 
 
 def _forces(motions: Array) -> Array:
-    """Return the forces (times x joints x terms) at motions (2 x times x joints)."""
+    """Return the forces (times x joints x terms and sliders) at motions (2 x times x joints), over units."""
     d, v = motions
-    return np.stack([d * np.abs(d), d * d, np.abs(d) * v, d * v, d**3, np.abs(v) * v], axis=-1)
+    terms = [d * np.abs(d), d * d, np.abs(d) * v, d * v, d**3, np.abs(v) * v]
+    return np.stack([*terms, *(_slider(d, slip) for slip in _SLIPS)], axis=-1)
+
+
+def _slider(d: Array, slip: float) -> Array:
+    """Return the elastic part (times x joints), at most `slip`, of displacements."""
+
+    def moved(elastic: float, step: float) -> float:
+        return min(max(elastic + step, -slip), slip)
+
+    steps = np.diff(d, axis=0, prepend=0.0).T.tolist()
+    return np.array([list(accumulate(of_joint, moved, initial=0.0))[1:] for of_joint in steps]).T
 
 
 def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array) -> Array:
-    """Return the linear responses of the channels from rest (times x channels x joints x terms)."""
+    """Return the linear responses of the channels from rest (times x channels x joints x forces)."""
     model = record.model.moved(fit.eta)
     matrices, n, count = model.at(fit.eta), model.states, len(joints.names)
     # Forces are linear between samples: x' = A x + B (f + g t), f and g being states.
@@ -203,14 +220,14 @@ def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: A
     gains = model.instruments.numbers(model.instruments.gains, named(record.unknowns, fit.eta)).value
     responses = (gains[:, None] * joints.direct)[None, :, :, None] * forces[:, None]
     state = np.zeros((forces[0].size, n))
-    longest = max(1, _MAX_RUN_NUMBERS // (n * count * len(TERMS)))
+    longest = max(1, _MAX_RUN_NUMBERS // (n * count * _FORCES))
     for first in range(0, len(forces) - 1, longest):
         last = min(first + longest, len(forces) - 1)
         now, change = forces[first:last, ..., None], np.diff(forces[first : last + 1], axis=0)[..., None]
         forcing = now * held.T[:, None] + change * ramp.T[:, None]
         states = recurrence(Phi, forcing.reshape(last - first, -1, n), state)
         state = states[-1]
-        outputs = (states.reshape(-1, n) @ matrices.C.T).reshape(last - first, count, len(TERMS), -1)
+        outputs = (states.reshape(-1, n) @ matrices.C.T).reshape(last - first, count, _FORCES, -1)
         responses[first + 1 : last + 1] += np.moveaxis(outputs, -1, 1)
     delays = model.instruments.numbers(model.instruments.delays, named(record.unknowns, fit.eta)).value
     for c in np.flatnonzero(delays):  # between samples
@@ -362,7 +379,7 @@ def _tested(joints: tuple[str, ...], columns: Sequence[_Columns], p: int, *, rou
     degrees -= rank
     H, b, left = gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1])
     absorbed = H.diagonal() <= _ABSORBED_SQUARE * np.asarray(sizes)[p:-1]
-    shape = (len(joints), len(TERMS))
+    shape, terms = (len(joints), _FORCES), slice(0, len(TERMS))
 
     def p_value(chosen: NDArray[np.intp]) -> float:
         chosen = chosen[~absorbed[chosen]]
@@ -373,10 +390,10 @@ def _tested(joints: tuple[str, ...], columns: Sequence[_Columns], p: int, *, rou
         return math.exp(log_f_tail(count, degrees - count, explained / count / (rest / (degrees - count))))
 
     places = np.arange(len(b)).reshape(shape)
-    single = np.array([p_value(places.flat[[k]]) for k in range(len(b))]).reshape(shape)
+    single = np.array([[p_value(place) for place in row[terms, None]] for row in places])
     safe = np.where(absorbed, 1.0, H.diagonal())
     responses = np.sqrt(np.mean([record.signal_squares for record in columns], axis=0))
-    size = np.where(absorbed, np.nan, 100 * np.abs(b) / safe * responses).reshape(shape)
+    size = np.where(absorbed, np.nan, 100 * np.abs(b) / safe * responses).reshape(shape)[:, terms]
     joint_p = np.array([p_value(row) for row in places])
     overall = p_value(places.ravel())
     overall = 1.0 if math.isnan(overall) else overall
