@@ -634,6 +634,21 @@ def test_fields_of_structures_are_columns(tmp_path):
     np.testing.assert_array_equal(measured, np.column_stack([ACC, 2 * ACC, FORCE]))
 
 
+def test_fields_of_numpy_structures_are_columns(tmp_path):
+    table = np.zeros(len(T), dtype=[("time", float), ("acc", "f4"), ("note", "U3"), ("pair", float, 2)])
+    table["time"], table["acc"] = T, ACC
+    np.save(tmp_path / "r.npy", table)
+    np.savez(tmp_path / "r.npz", run=table, square=table[:4].reshape(2, 2))
+    for name, group in (("r.npy", ""), ("r.npz", "run/")):
+        measured = read_columns(
+            tmp_path / name, [f"{group}acc"], step=STEP, layout=TableLayout(time=f"{group}time")
+        )
+        np.testing.assert_array_equal(measured[:, 0], np.float32(ACC))
+        assert f"has text in '{group}note', no numbers" in refusal(tmp_path / name, [f"{group}note"])
+        assert f"has structures in '{group}pair', no numbers" in refusal(tmp_path / name, [f"{group}pair"])
+    assert "has structures in 'square', no numbers" in refusal(tmp_path / "r.npz", ["square"])
+
+
 # --- Files of one record -----------------------------------------------------------------------------
 
 TWO = """

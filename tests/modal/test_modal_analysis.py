@@ -9,6 +9,7 @@ from dynid.errors import NumericalError, UsageError
 from dynid.modal.frf_matrix import FrfMatrix
 from dynid.modal.modal_analysis import analyse
 from dynid.modal.modal_model import ModalModel
+from tests.modal import monte_carlo
 from tests.modal.structures import OMEGA, measured, modes, receptances, standardised
 
 
@@ -61,6 +62,23 @@ def test_standard_errors_cover_95_percent(case):
     covers, ratio = coverage(case, range(60))
     assert all(0.92 <= cover <= 0.98 for cover in covers), covers
     assert abs(ratio - 1) < 0.01
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_pole_that_wanders_at_an_edge_is_left_out_after_a_few_steps(seed, monkeypatch):
+    case, evaluations, evaluate = monte_carlo.CASES["thirty-modes"], [], ModalModel.evaluate
+
+    def counted(*arguments):
+        evaluations.append(1)
+        return evaluate(*arguments)
+
+    monkeypatch.setattr(ModalModel, "evaluate", counted)
+    poles, shapes = modes(**case.structure)
+    omega = np.linspace(OMEGA[0], OMEGA[-1], case.lines)
+    frf = measured(poles, shapes, case.references, case.noise, seed, omega)
+    assert len(analyse(frf, driving(case.references)).modes.omega) == len(poles)
+    assert len(evaluations) < 25  # 60 to 100 of a pole that wanders to the end
 
 
 def test_exact_responses_give_the_modes_to_round_off():

@@ -82,8 +82,8 @@ MATRICES = Container(_numpy_shapes, _load_numpy)
 
 
 def recording(file: DataFile) -> Recording:
-    """Return the arrays of a file as channels: vectors, and the columns of matrices as ``NAME:NUMBER``."""
-    from dynid.files.recordings import Recording, array_channels
+    """Return the arrays of a file as channels: vectors, fields, and columns as ``NAME:NUMBER``."""
+    from dynid.files.recordings import RecordedChannel, Recording, array_channels, not_numbers
 
     path = file.path
     try:
@@ -91,16 +91,22 @@ def recording(file: DataFile) -> Recording:
     except FileError as error:
         file.refuse(error.problem.removeprefix(f"{path} "), error.remedy)
     alone = path.suffix.lower() == ".npy"
-    channels = [
-        channel
-        for name, (shape, dtype) in headers.items()
-        for channel in array_channels("" if alone else name, name, shape, dtype)
-    ]
+    channels: list[RecordedChannel] = []
+    for name, (shape, dtype) in headers.items():
+        fields = dtype.names if dtype.names and len(shape) == 1 else ()
+        if not fields:
+            channels += array_channels("" if alone else name, name, shape, dtype)
+        for k, field in enumerate(fields, 1):
+            what = not_numbers(dtype[field])
+            group, values = "" if alone else name, f"{name}:{k}"
+            channels.append(RecordedChannel(field, group, "", shape[0], values=values, what=what))
 
     def array(key: str) -> Any:
         name, column = key.rsplit(":", 1)
         with read_errors(path, "NumPy file"):
             values = np.asarray(_checked_array(path, name))
+        if values.dtype.names:
+            return values[values.dtype.names[int(column) - 1]]
         return values.reshape(-1) if column == "0" else values[:, int(column) - 1]
 
     return Recording(file, tuple(channels), array)

@@ -92,7 +92,7 @@ def converted(
         with np.load(target, allow_pickle=False) as stored:
             if "problem" not in stored:
                 return target
-            problem = str(stored["problem"])
+            problem = str(stored["problem"]).rstrip(". ")
     file.refuse(f"cannot be read as {what}: {problem}", "It may be damaged; save it again.")
 
 

@@ -1,8 +1,8 @@
 """The modes that frequency responses show: poles added where the fit lacks one, removed where none is needed.
 
-A pole is worth its parameters if it lowers chi-squared by ``k + 8 sqrt(2 k)``, k = 2 responses +
-2 references, eight standard deviations above what noise gives. BIC's ``k ln N`` missed a pair 0.1 % apart at
-5 % noise in 8 of 8 records.
+A pole, in the band or beyond its edges, is worth its parameters if it lowers chi-squared by
+``k + 8 sqrt(2 k)``, k = 2 responses + 2 references, eight standard deviations above what noise gives. BIC's
+``k ln N`` missed a pair 0.1 % apart at 5 % noise in 8 of 8 records.
 """
 
 from __future__ import annotations
@@ -22,6 +22,9 @@ from dynid.modal.modal_model import ModalFit, ModalModel
 _AVERAGED_LINES, _EXCESS = 7, 6.0
 # Poles that may be added, steps of a trial with one more, and rounds of removals.
 MAX_ADDED, _TRIAL_STEPS, _MAX_ROUNDS = 12, 12, 30
+# Steps after which poles that have left the band for good, or guard its edges for nothing, are removed: they
+# wander for dozens of steps.
+_FIRST_STEPS = 6
 # Standard error of a decay rate, relative, above which a pole in the band is none.
 _MAX_DECAY_ERROR = 0.6
 # Damping ratio above which a pole is none, in the band or beyond it: residual terms do what it does.
@@ -108,41 +111,57 @@ def _pruned(model: ModalModel, poles: ComplexArray, participation: ComplexArray)
     for _ in range(_MAX_ROUNDS):
         if not len(poles):
             break
-        fit = model.fit(poles, participation)
-        covariance = fit.covariance()
-        removed = _not_modes(model.frf, fit, covariance)
+        fit = model.fit(poles, participation, _FIRST_STEPS)
+        removed, weaker = _far(model.frf, fit.poles), None
         if not removed.any():
-            weaker = _without_weak(model, fit, covariance)
-            if weaker is None:
-                return fit
-            poles, participation = weaker.poles, weaker.participation
-            continue
-        poles, participation = fit.poles[~removed], fit.participation[:, ~removed]
+            weaker = _without_weak(model, fit, _at_edges(model.frf, fit.poles))
+        if weaker is None and not removed.any():
+            fit = model.fit(fit.poles, fit.participation)
+            removed = _far(model.frf, fit.poles) | _undetermined(model.frf, fit)
+            if not removed.any():
+                weaker = _without_weak(model, fit, in_band(fit.poles, model.frf))
+                if weaker is None:
+                    return fit
+        fit = fit if weaker is None else weaker
+        keep = ~removed if weaker is None else slice(None)
+        poles, participation = fit.poles[keep], fit.participation[:, keep]
     raise NumericalError(
         "no mode is found in the band",
         remedy="Choose the band by the peaks of the responses, and check columns, units and noise.",
     )
 
 
-def _not_modes(frf: FrfMatrix, fit: ModalFit, covariance: Array) -> NDArray[np.bool_]:
-    """Return the poles that are unstable, undetermined, overdamped, or far beyond the band."""
-    poles, m = fit.poles, len(fit.poles)
-    error = np.sqrt(np.maximum(np.diag(covariance)[:m], 0.0))
-    none = (poles.real >= 0) | (error > _MAX_DECAY_ERROR * np.abs(poles.real))
+def _far(frf: FrfMatrix, poles: ComplexArray) -> NDArray[np.bool_]:
+    """Return the poles that are overdamped, or far beyond the band."""
     low, high = frf.omega[0], frf.omega[-1]
     far = _GUARD_PART * (high - low)
     outside = (poles.imag < max(low - far, _LOWEST_PART * low)) | (poles.imag > high + far)
-    outside |= -poles.real > _MAX_RATIO * np.abs(poles)
-    return np.asarray((in_band(poles, frf) & none) | outside)
+    return np.asarray(outside | (-poles.real > _MAX_RATIO * np.abs(poles)))
 
 
-def _without_weak(model: ModalModel, fit: ModalFit, covariance: Array) -> ModalFit | None:
-    """Return the fit without a mode in the band that is not worth its parameters; None where all are."""
+def _at_edges(frf: FrfMatrix, poles: ComplexArray) -> NDArray[np.bool_]:
+    """Return the poles beyond the band or within their half width of its edges."""
+    half = np.abs(poles.real)
+    return np.asarray((poles.imag - half < frf.omega[0]) | (poles.imag + half > frf.omega[-1]))
+
+
+def _undetermined(frf: FrfMatrix, fit: ModalFit) -> NDArray[np.bool_]:
+    """Return the poles in the band that are unstable, or whose decay rates are not determined."""
+    poles = fit.poles
+    error = np.sqrt(np.maximum(np.diag(fit.covariance())[: len(poles)], 0.0))
+    none = (poles.real >= 0) | (error > _MAX_DECAY_ERROR * np.abs(poles.real))
+    return np.asarray(in_band(poles, frf) & none)
+
+
+def _without_weak(model: ModalModel, fit: ModalFit, of: NDArray[np.bool_]) -> ModalFit | None:
+    """Return the fit without one of some poles that is not worth its parameters; None where all are."""
     least = worth(model.frf)
     m = len(fit.poles)
-    wald = np.full(m, np.inf)
-    tested = np.flatnonzero(in_band(fit.poles, model.frf)) if m > 1 else np.zeros(0, dtype=int)
-    wald[tested] = 0.0
+    if m == 1 or not of.any():
+        return None
+    covariance = fit.covariance()
+    wald = np.where(of, 0.0, np.inf)
+    tested = np.flatnonzero(of)
     for o in range(model.responses):
         block = fit.shape_covariance(o, covariance)
         assert block is not None  # reciprocity is tested when the modes are known

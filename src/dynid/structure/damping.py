@@ -253,8 +253,8 @@ def _all_modes(M: Array, K: Array) -> tuple[Array, Array]:
 
 
 REMEDY = (
-    "Let dampers eta k / omega of one frequency stand for it, `damping: {equivalent: {at: 40, unit: Hz}}`, "
-    "or write c or damping ratios instead of eta."
+    "Let dampers eta k / omega of one frequency stand for it, `damping: {equivalent: {at: 40, unit: Hz}}` "
+    "under `lumped`, `beam` or whatever the structure is, or write c or damping ratios instead of eta."
 )
 """What to do where structural damping has no meaning."""
 
