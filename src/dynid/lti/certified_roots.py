@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Working precision of square roots, bits.
 _SQUARE_ROOT_BITS = 128
+#: Degree and bits of polynomials whose roots Arb isolates faster than they are followed, and its precision.
+_SMALL_DEGREE, _SMALL_BITS, _SMALL_PRECISION = 12, 1000, 128
 #: Prime modulo which coprimality is proved.
 _PRIME = (1 << 61) - 1
 
@@ -81,12 +83,17 @@ def root_balls(
     They cost less than certified roots. Real roots are exactly real. Parameters and errors as of
     `certified_roots`.
     """
-    from flint import acb, fmpz_poly
+    from flint import acb, ctx, fmpz_poly
 
     from dynid.lti.enclosures import enclosures
 
+    small = polynomial.degree() <= _SMALL_DEGREE and polynomial.height_bits() <= _SMALL_BITS
     balls = []
     for factor, count in _square_free(polynomial):
+        if starts is not None and small:  # of families of polynomials: one isolation costs less than a step
+            with ctx.workprec(_SMALL_PRECISION):
+                balls += [ball for ball, _ in factor.complex_roots()] * count
+            continue
         rest = factor
         if factor[0] == 0:
             balls += [acb(0)] * count
