@@ -6,7 +6,7 @@ import pytest
 
 import dynid
 from dynid.bondgraph.cut_loops import CutLoops
-from dynid.errors import SceneError
+from dynid.errors import SceneError, UsageError
 from dynid.model_scope import scope_parts
 from dynid.report.drawing.bond_graph import drawn_graph
 from dynid.scene.kinds.bond_graph import question
@@ -239,6 +239,14 @@ def test_graphs_are_counted_as_they_are_drawn(text, size, order):
     assert len(parts["elements"].kept) == size[0]
     assert not parts["elements"].left_out
     assert not parts["storages"].left_out
+
+
+def test_a_dirac_impulse_is_not_sampled():
+    text = LATE_LOOP.replace("TIMING", "sample: 0.1")
+    time = "time: {stop: 1, step: 0.1, input: {kind: KIND, amplitude: 1}}"
+    with pytest.raises(UsageError, match="measures has a Dirac impulse, of which no sample has a value"):
+        dynid.run(scene(text.replace("outputs: [k.q]", f"outputs: [k.q], {time.replace('KIND', 'impulse')}")))
+    dynid.run(scene(text.replace("outputs: [k.q]", f"outputs: [k.q], {time.replace('KIND', 'step')}")))
 
 
 def test_states_and_causality_of_a_late_loop_have_no_approximants():

@@ -63,6 +63,12 @@ class SampledSystem(DelaySystem):
     def response(self, signals: Sequence[Signal], times: Array) -> DelayedResponse:
         """Return the response as `DelaySystem.response` does, without what is measured."""
         response, shown = super().response(signals, times), slice(self.outputs - len(self.controllers))
+        if response.impulsive[shown.stop :].any():
+            raise UsageError(
+                "what a sampled controller measures has a Dirac impulse, of which no sample has a value",
+                remedy="Give the signal a duration (kind: impact), or let it act elsewhere.",
+                names=("analysis.time",),
+            )
         return response._replace(
             outputs=response.outputs[:, shown],
             error=response.error[shown],
