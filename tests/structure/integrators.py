@@ -213,7 +213,7 @@ def figures(structure, law):
             r for r in 10.0 ** -np.arange(4, 13, 0.5) if error(compiled(motion, r, r * scale)) <= target
         )
         compare(target, motion.march(), "compiled DOP853", lambda: compiled(motion, rtol, rtol * scale))  # noqa: B023
-        states = np.inf * truth
+        states = np.full_like(truth, np.inf)
         while error(states) > target:
             spent, states = timed(lambda: motion.by_scipy("DOP853", rtol, rtol * scale))  # noqa: B023
             best, rtol = ("DOP853", rtol), rtol / 10**0.5

@@ -20,7 +20,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -197,12 +196,18 @@ def _forces(motions: Array) -> Array:
 
 def _slider(d: Array, slip: float) -> Array:
     """Return the elastic part (times x joints), at most `slip`, of displacements."""
-
-    def moved(elastic: float, step: float) -> float:
-        return min(max(elastic + step, -slip), slip)
-
-    steps = np.diff(d, axis=0, prepend=0.0).T.tolist()
-    return np.array([list(accumulate(of_joint, moved, initial=0.0))[1:] for of_joint in steps]).T
+    out = []
+    for steps in np.diff(d, axis=0, prepend=0.0).T.tolist():
+        elastic, parts = 0.0, []
+        for step in steps:
+            elastic += step
+            if elastic > slip:
+                elastic = slip
+            elif elastic < -slip:
+                elastic = -slip
+            parts.append(elastic)
+        out.append(parts)
+    return np.array(out).T
 
 
 def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array) -> Array:
