@@ -50,6 +50,8 @@ def text(value: str) -> Markup:
 
 def visible(value: str) -> str:
     """Return a text with control characters shown by their number, and with unified line ends."""
+    if value.isprintable():
+        return value
     return _UNFIT.sub(lambda match: "\n" if match[0] == "\r" else f"⟨U+{ord(match[0]):04X}⟩", value)
 
 

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,7 +73,7 @@ class Subplot:
     parameter: str = ""
     per_y: float = 0.0
 
-    @property
+    @cached_property
     def scales(self) -> tuple[Scale, Scale]:
         """The scales that contain all layers."""
         across = (values for layer in self.layers for values in layer.extent()[0])

@@ -325,7 +325,7 @@ def by_column(x: Array, y: Array, *, ends: bool = True) -> NDArray[np.intp]:
     """
     columns = np.floor(x).astype(np.int64)
     starts = np.flatnonzero(np.diff(columns, prepend=columns[0] - 1))
-    if 4 * len(starts) >= len(x):
+    if (4 if ends else 2) * len(starts) >= len(x):
         return np.arange(len(x))
     stops = np.append(starts[1:], len(x))
     owner = np.repeat(np.arange(len(starts)), stops - starts)
@@ -355,17 +355,17 @@ def straightened(x: Array, y: Array, near: float = NEAR) -> NDArray[np.intp]:
     kept, xs, ys = [0], x.tolist(), y.tolist()
     at_x, at_y, before = xs[0], ys[0], ys[0]
     low, high = -math.inf, math.inf
-    for index in range(1, count - 1):
-        here, after = ys[index], ys[index + 1]
-        dx, dy, ahead = xs[index] - at_x, here - at_y, xs[index + 1] - at_x
+    ahead = zip(xs[1:], ys[1:], xs[2:], ys[2:], strict=False)
+    for index, (here_x, here, after_x, after) in enumerate(ahead, 1):
+        dx, dy = here_x - at_x, here - at_y
         if dx > 0:
-            low = max(low, (dy - near) / dx)
-            high = min(high, (dy + near) / dx)
-        turns = dy != 0 and (here - before) * (after - here) <= 0
-        slope = (after - at_y) / ahead if ahead > 0 else math.inf
-        if turns or dx <= 0 or not low <= slope <= high:
+            low_slope, high_slope = (dy - near) / dx, (dy + near) / dx
+            low = low_slope if low_slope > low else low
+            high = high_slope if high_slope < high else high
+        turns = (here - before) * (after - here) <= 0 and dy != 0
+        if turns or dx <= 0 or after_x <= at_x or not low <= (after - at_y) / (after_x - at_x) <= high:
             kept.append(index)
-            at_x, at_y, low, high = xs[index], here, -math.inf, math.inf
+            at_x, at_y, low, high = here_x, here, -math.inf, math.inf
         before = here
     return np.array([*kept, count - 1])
 
