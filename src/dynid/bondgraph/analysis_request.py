@@ -94,8 +94,17 @@ _SAMPLED: frozenset[ResultName] = frozenset(
 MAX_TRANSMISSION_LINES = 8
 # Results of graphs with lines (TL).
 _WITH_LINES: frozenset[ResultName] = frozenset(
-    {"transfer_function", "zeros", "poles", "properties", "step_info", "frequency_response", "time_response"}
-    | {"reduction", "state_space"}
+    {
+        "transfer_function",
+        "zeros",
+        "poles",
+        "properties",
+        "step_info",
+        "frequency_response",
+        "time_response",
+        "reduction",
+        "state_space",
+    }
 )
 #: Results that the symbolic engine has no numbers for.
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})

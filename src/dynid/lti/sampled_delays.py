@@ -116,7 +116,7 @@ class SampledDelays:
         for length, newest in self._parts:
             late_by = np.array(self._steps) + ~np.array(newest)
             held.append(z[:, None, None] ** -late_by)
-            joint = np.zeros((*w.shape, n + loops, n + loops), complex)
+            joint: ComplexArray = np.zeros((*w.shape, n + loops, n + loops), complex)
             joint[..., :n, :n] = A
             joint[..., :n, n:] = B * (weights @ held[-1])[:, :, None, :]
             E = exponentials(joint * length)[..., :n, :]

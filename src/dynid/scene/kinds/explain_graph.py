@@ -49,6 +49,7 @@ def explain(scene: Scene) -> Explanation:
         facts += [Fact("warning", variable.error.problem) for variable in undetermined]
         return Explanation(result, facts)
     names = needed_parts(reduced, analysis)[0].left_out
+    assert not isinstance(names, int)  # elements have names
     if names:
         facts.append(Fact("left out", f"{join_nodes(names)}: no output depends on them"))
     else:
