@@ -9,6 +9,7 @@ import dynid
 
 SHARED = Path(__file__).parents[3] / "shared" / "data"
 BEAM = SHARED / "measured/resonantdoublebeam_data.mat"
+ARM = SHARED / "measured/robot_arm.dat"
 
 pytestmark = pytest.mark.slow
 
@@ -36,3 +37,33 @@ def test_free_decays_of_a_double_beam_after_hits_at_three_points(tmp_path):
     assert np.all(np.abs(frequency[2:] - 243.5) < 1.2)
     damping = result["modal/damping"].data
     assert np.all((damping > 2e-4) & (damping < 0.01))
+
+
+@pytest.mark.skipif(not ARM.is_file(), reason="the measured robot arm is not here")
+def test_a_flexible_robot_arm_under_a_periodic_torque(tmp_path):
+    """One period of 1,024 samples, of unknown rate: its ratio at the lines that the torque has.
+
+    The poles are those of an ARX model of order 16, fitted to the record in time by least squares.
+    """
+    torque, acceleration = np.loadtxt(ARM).T
+    spectra, order = [np.fft.rfft(one) for one in (torque, acceleration)], 16
+    driven = np.flatnonzero(np.abs(spectra[0]) > 0.05 * np.abs(spectra[0]).max())
+    ratio = spectra[1][driven] / spectra[0][driven]
+    table = np.column_stack([driven / 1024, ratio.real, ratio.imag])
+    np.savetxt(tmp_path / "arm.csv", table, delimiter=",", header="f,re,im", comments="")
+    (tmp_path / "arm.yaml").write_text(
+        "dynid: 1\nkind: modal-analysis\nmeasurement:\n"
+        "  channels: [{dof: 1, quantity: acceleration, reference: {dof: 1}}]\n"
+        "  frf: {file: {path: arm.csv, frequency: f, columns: [[re, im]]}, unit: Hz}\n"
+        "band: {low: 0.03, high: 0.196, unit: Hz}\n"  # cycles a sample
+    )
+    result = dynid.run(tmp_path / "arm.yaml")
+    past = np.array(
+        [np.r_[-acceleration[k - order : k], torque[k - order : k + 1]] for k in range(order, len(torque))]
+    )
+    coefficients = np.linalg.lstsq(past, acceleration[order:])[0][:order]
+    poles = np.log(np.roots(np.r_[1, coefficients[::-1]]) + 0j)
+    poles = poles[(poles.imag > 2 * np.pi * 0.03) & (poles.imag < 2 * np.pi * 0.196)]
+    light = np.sort_complex(poles[-poles.real < 0.01 * np.abs(poles)] * -1j)
+    np.testing.assert_allclose(result["modal/frequency"].data, np.abs(light), rtol=2e-3)
+    np.testing.assert_allclose(result["modal/damping"].data, light.imag / np.abs(light), rtol=0.1)
