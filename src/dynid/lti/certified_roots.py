@@ -91,6 +91,8 @@ def root_balls(
     balls = []
     for factor, count in _square_free(polynomial):
         if starts is not None and small:  # of families of polynomials: one isolation costs less than a step
+            if work is not None:
+                work.spend(factor.degree() ** 2)
             with ctx.workprec(_SMALL_PRECISION):
                 balls += [ball for ball, _ in factor.complex_roots()] * count
             continue
