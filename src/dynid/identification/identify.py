@@ -8,7 +8,7 @@ Source: K. T. Yang 1997.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
@@ -181,6 +181,7 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
     }
     astray: Posterior | None = None
     begun: Likelihood | None = None
+    doubtful: dict[str, float] = {}
     searches = 0
     for _ in range(1 + len(unknowns)):
         if fixed:
@@ -199,6 +200,8 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
             if not lost:
                 break
         fixed |= lost
+        if posterior.estimate.disputed:  # at a wrong optimum a parameter may lose its effect
+            doubtful |= lost
         searches += posterior.estimate.disputed
         # The search begins again, without what may have led it astray.
         if posterior.estimate.disputed and searches <= _MAX_SEARCHES:
@@ -210,6 +213,9 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
         posterior = astray
     else:
         astray = None
+        if doubtful and rebuild is None:
+            others = {name: value for name, value in fixed.items() if name not in doubtful}
+            posterior, model = _freed(problem, posterior, model, others, estimator, suggest=suggest)
     # What is fixed starts there; the scene's starts are those that are reported.
     posterior = replace(posterior, starts=tuple(unknown.start for unknown in unknowns))
     posterior = _checked(posterior, begun or likelihood, suggest)
@@ -220,6 +226,26 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
     if full and isinstance(model, StructuralModel) and model.basis is not None:
         posterior = _with_model_error(problem, posterior, model)
     return posterior, model
+
+
+def _freed(
+    problem: Problem,
+    posterior: Posterior,
+    model: Model,
+    fixed: Mapping[str, float],
+    estimator: Any,
+    *,
+    suggest: bool,
+) -> tuple[Posterior, Model]:
+    """Return the posterior with all but `fixed` free, and its model, if the records determine these there."""
+    values = [record.full_data for record in posterior.likelihood.records]
+    free = with_fixed(problem.model, fixed)
+    likelihood = problem.likelihood_of(free, values).continuing(posterior.likelihood)
+    nearest = _with(estimator, multi_start=False)
+    freed, free = _settled(problem, free, likelihood, posterior.fit.eta, nearest, None, suggest=suggest)
+    if _undetermined(freed):
+        return posterior, model
+    return _with_optima(problem, replace(freed, undetermined=tuple(fixed)), free, None)
 
 
 def _settled(
