@@ -45,7 +45,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if analysis.reading == "binary":
         graph = graph.rounded()
     result = Result("bond-graph", title)
-    nodes, bonds = analysis.size if analysis.in_time else (len(graph.nodes), len(graph.bonds))
+    nodes, bonds = analysis.size(graph)
     result.annotate(
         "bond_graph",
         nodes=nodes,

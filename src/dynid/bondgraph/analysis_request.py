@@ -203,9 +203,10 @@ class Analysis:
         feedback = [loop for loop in self.loops if not loop.line]
         return close_loops(lines_as_circuits(self.opened, lines), feedback, named=True)
 
-    @property
-    def size(self) -> tuple[int, int]:
-        """The numbers of nodes and bonds without feedback, a line as one node."""
+    def size(self, graph: BondGraph) -> tuple[int, int]:
+        """Return the numbers of nodes and bonds; with delays or samples without feedback, lines as nodes."""
+        if not self.in_time:
+            return len(graph.nodes), len(graph.bonds)
         assert self.opened is not None
         owners = self.scene_nodes(self.opened)
         return len({*owners.values()}), sum(owners[a] != owners[b] for a, b in self.opened.bonds)

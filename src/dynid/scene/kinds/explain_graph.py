@@ -34,7 +34,7 @@ def explain(scene: Scene) -> Explanation:
     prompt = analysis.undelayed if analysis.late else graph
     lines = dict.fromkeys(loop.line for loop in analysis.loops if loop.line)
     causality = add_causality(Result("bond-graph") if lines else result, prompt)
-    nodes, bonds = analysis.size if analysis.in_time else (len(graph.nodes), len(graph.bonds))
+    nodes, bonds = analysis.size(graph)
     facts = [Fact("graph", f"{counted(nodes, 'node')}, {counted(bonds, 'bond')}")]
     report_progress("reducing the graph")
     try:
