@@ -151,6 +151,21 @@ def test_a_shipped_scene_is_written_as_it_stands_and_set_values_are_written_too(
         changed.write(tmp_path / "missing" / "scene.yaml")
 
 
+def test_a_built_graph_is_longer_than_any_text_and_its_faults_have_their_places(monkeypatch):
+    monkeypatch.setattr("dynid.scene.yaml.parser.MAX_CHARACTERS", 300)
+    built = dynid.GraphBuilder().node("F", "Se").node("body", 1).bond("F -> body")
+    for k in range(30):
+        built.node(f"m{k}", "I", k + 1).bond(f"body -> m{k}")
+    scene = built.scene(outputs=["m0.f"], results=["poles"])
+    result = dynid.run(scene)
+    assert result.attrs["scene"] == scene.source.text == scene.to_yaml()
+    assert len(scene.source.text) > 300
+    line, column = scene.source.marks["graph", "nodes", "m29"].key
+    assert scene.source.text.splitlines()[line - 1][column - 1 :] == "m29:"
+    with pytest.raises(SceneError, match=r":6:9: graph\.nodes\.m9: I needs its value"):
+        dynid.scene_from(scene.source.data | {"graph": {"nodes": {"m9": "I"}, "bonds": ["m9 -> m9"]}})
+
+
 def test_paths_are_texts_and_other_objects_are_refused(tmp_path):
     scene = {"kind": "study", "scene": tmp_path / "isolator.yaml", "vary": {"parameters.b": {"values": [1]}}}
     (tmp_path / "isolator.yaml").write_text((CONFIGS / "isolator.yaml").read_text())

@@ -65,7 +65,7 @@ LIBRARIES = {
     "click": {"cli"},  # commands
     "rich": {"cli"},  # tables on the screen
     "h5py": {"hdf5", "store", "files.hdf5_data"},  # results; users' data
-    "yaml": {"scene"},
+    "yaml": {"scene", "bench"},  # scenes; a peer
     "pydantic": {"scene"},
     "pydantic_core": {"scene"},
     "sympy": {"bondgraph", "bench"},  # formulas

@@ -44,11 +44,9 @@ def scene_from(data: Mapping[str, Any], folder: str | os.PathLike[str] = ".") ->
     """
     from dynid.errors import SceneError
     from dynid.scene.load import check_source
-    from dynid.scene.yaml.source import parse_source
-    from dynid.scene.yaml.writer import dump
+    from dynid.scene.yaml.source import built_source
 
-    text = dump({"dynid": 1, **data})
-    source = parse_source(text, os.path.join(os.fspath(folder), "<scene>"))  # noqa: PTH118
+    source = built_source({"dynid": 1, **data}, os.path.join(os.fspath(folder), "<scene>"))  # noqa: PTH118
     try:
         return check_source(source)
     except SceneError as error:
@@ -91,10 +89,8 @@ class _SceneBuilder:
             raise UsageError(f"the {what} '{name}' is given twice; use another name")
 
     def _scene(self, folder: str | os.PathLike[str], **parts: Any) -> Scene:
-        from copy import deepcopy
-
         data = {name: section for name, section in parts.items() if section is not None}
-        return scene_from(deepcopy({**self._data, **data}), folder)
+        return scene_from({**self._data, **data}, folder)
 
 
 class GraphBuilder(_SceneBuilder):

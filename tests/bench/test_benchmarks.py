@@ -43,6 +43,7 @@ SMALL = {
     "mesh-roots": (3, 1e-12),
     "ladder-peaks": (3, 1e-12),
     "chain-whole": (3, 1e-12),
+    "chain-reading": (3, 0),
     "zeros-poles": (4, 1e-13),
     "polynomials": (4, 1e-15),
     "symbolic": (3, 0),

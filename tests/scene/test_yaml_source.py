@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dynid.errors import FileError, SceneError
 from dynid.scene.yaml.parser import MAX_CHARACTERS
 from dynid.scene.yaml.source import apply_overrides, parse_source, read_source, set_values
-from dynid.scene.yaml.writer import dump
+from dynid.scene.yaml.writer import dump, plain
 from dynid.suggestions import did_you_mean, did_you_mean_path, short_paths
 from tests.work import at_most
 
@@ -260,6 +260,19 @@ def test_what_is_dumped_reads_back_the_same(data):
     found = parse_source(dump(data)).data
     assert found == data
     assert repr(found) == repr(data)
+
+
+@given(DATA.filter(lambda data: data is not None) | st.dictionaries(LEAVES, LEAVES, max_size=3))
+@settings(max_examples=100)
+def test_plain_data_are_what_their_text_says_or_refused(data):
+    try:
+        expected = repr(parse_source(dump(data)).data)
+    except SceneError:
+        with pytest.raises(ValueError, match=r"^$"):
+            plain(data)
+    else:
+        with contextlib.suppress(ValueError):
+            assert repr(plain(data)) == expected
 
 
 def test_the_text_as_run_is_the_original_unless_changed():

@@ -111,6 +111,7 @@ BENCHMARKS = {
     "mesh-roots": _CatalogueEntry("graph_shapes:MESH_ROOTS", 0),
     "ladder-peaks": _CatalogueEntry("graph_shapes:LADDER_PEAKS", 0),
     "chain-whole": _CatalogueEntry("graph_shapes:CHAIN_WHOLE", 0),
+    "chain-reading": _CatalogueEntry("graph_shapes:CHAIN_READING", 0),
     "zeros-poles": _CatalogueEntry("zeros_poles:CHAIN", 12),
     "polynomials": _CatalogueEntry("chain:POLYNOMIALS", 3),
     "loops": _CatalogueEntry("zeros_poles:MESH", 3),

@@ -1,7 +1,8 @@
 """Whole analyses of large graphs of several shapes, with all default results, beside a script of SciPy.
 
 Lattices of capacitors joined by resistors, ladders of the same, and chains of masses, springs and dampers;
-a unit flow or force enters at one end, and the other end is read. Scenes are read before the clock starts.
+a unit flow or force enters at one end, and the other end is read. Scenes are read before the clock starts,
+but where reading is the work.
 """
 
 from __future__ import annotations
@@ -55,15 +56,14 @@ class _Network:
 
 def _analysis(nodes: dict[str, Any], bonds: list[str], output: str, *results: str) -> Any:
     from dynid.scene.load import check_source
-    from dynid.scene.yaml.source import parse_source
-    from dynid.scene.yaml.writer import dump
+    from dynid.scene.yaml.source import built_source
 
     analysis: dict[str, Any] = {"inputs": ["u"], "outputs": [output], "results": list(results)}
     if "frequency_response" in results:
         analysis["frequency"] = {"start": 0.01, "stop": 10, "points": len(_OMEGA), "unit": "rad/s"}
     graph = {"nodes": nodes, "bonds": bonds}
     data = {"dynid": 1, "kind": "bond-graph", "title": "bench", "graph": graph, "analysis": analysis}
-    return check_source(parse_source(dump(data), "<bench>"))
+    return check_source(built_source(data, "<bench>"))
 
 
 def _lattice(side: int) -> _Network:
@@ -104,6 +104,23 @@ def _run(scene: Any) -> Any:
         return result["bond_graph/frequency_response/response"].data.ravel()
     (group,) = {path.rpartition("/")[0] for path in result if path.endswith("/poles")}
     return result[f"{group}/zeros"].data, result[f"{group}/poles"].data
+
+
+def _read(text: str) -> int:
+    from dynid.scene.load import check_source
+    from dynid.scene.yaml.source import parse_source
+
+    return len(check_source(parse_source(text)).model.graph.nodes)
+
+
+def _composed(text: str) -> int:
+    """Parse a scene into PyYAML's tree of texts, in C."""
+    import yaml
+
+    tree: Any = yaml.compose(text, Loader=yaml.CSafeLoader)
+    for key in ("graph", "nodes"):
+        (tree,) = (below for name, below in tree.value if name.value == key)
+    return len(tree.value)
 
 
 def _nodal(matrices: tuple[Any, Any]) -> Any:
@@ -235,6 +252,22 @@ CHAIN_WHOLE = Benchmark(
     error=partial(_response_error, _recursion),
     measure="largest relative distance from recursion, where the response is above 1e-280",
     default=lambda _: "dynid",
+)
+CHAIN_READING = Benchmark(
+    title="Reading and checking the scene of a chain of masses",
+    size="stages",
+    sizes=(100, 1000),
+    full=(10_000, 30_000),
+    alternatives=(
+        Alternative("dynid", _read),
+        Alternative("built", lambda chain: len(_analysis(*chain, "m0.f").model.graph.nodes), _chain),
+        Alternative("compose", _composed, peer=True),
+    ),
+    error=lambda stages, count: abs(count / (6 * stages) - 1),
+    problem=lambda stages: _analysis(*_chain(stages), "m0.f").to_yaml(),
+    measure="relative error of the number of nodes",
+    default=lambda _: "dynid",
+    remark="compose knows neither values nor nodes: it parses YAML into a tree of texts",
 )
 MESH_ROOTS = Benchmark(
     title="Zeros and poles of a square RC lattice, certified",

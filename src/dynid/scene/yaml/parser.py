@@ -19,9 +19,9 @@ from dynid.errors import Fault
 
 Place = tuple[int, int]
 
-_MAX_DIGITS = 400
+MAX_DIGITS = 400
 _CORE = "tag:yaml.org,2002:"
-_UNSTORABLE = re.compile("[\0\ud800-\udfff]")
+UNSTORABLE = re.compile("[\0\ud800-\udfff]")
 
 _NULL = frozenset({"", "~", "null", "Null", "NULL"})
 _BOOL = {word: word.lower() == "true" for word in ("true", "True", "TRUE", "false", "False", "FALSE")}
@@ -61,9 +61,9 @@ def resolve_plain(text: str) -> str | int | float | bool | None:
         return _BOOL[text]
     if _INT.match(text):
         # The length is checked before the conversion, whose cost grows with its square.
-        number = int(text, {"0o": 8, "0x": 16}.get(text[:2], 10)) if len(text) <= 2 * _MAX_DIGITS else None
-        if number is None or abs(number) >= 10**_MAX_DIGITS:
-            raise ValueError(f"{shorten(text)} has more than {_MAX_DIGITS} digits")
+        number = int(text, {"0o": 8, "0x": 16}.get(text[:2], 10)) if len(text) <= 2 * MAX_DIGITS else None
+        if number is None or abs(number) >= 10**MAX_DIGITS:
+            raise ValueError(f"{shorten(text)} has more than {MAX_DIGITS} digits")
         return number
     if _FLOAT.match(text):
         value = float(text)
@@ -181,12 +181,14 @@ class _Halves(NamedTuple):
     faults: int
 
 
-def parse_yaml(text: str, file: str) -> tuple[Any, dict[Path, Positions], list[Fault]]:
-    """Read one YAML document.
+def parse_yaml(
+    text: str, file: str, *, limited: bool = True
+) -> tuple[Any, dict[Path, Positions], list[Fault]]:
+    """Read one YAML document; of any length where it is not `limited`, but written by dynid.
 
     The data are valid only where there are no faults.
     """
-    builder = _TreeBuilder(file)
+    builder = _TreeBuilder(file, limited=limited)
     try:
         builder.check_characters(text)
         builder.read(yaml.parse(text, Loader=_LOADER))
@@ -200,8 +202,8 @@ def parse_yaml(text: str, file: str) -> tuple[Any, dict[Path, Positions], list[F
 class _TreeBuilder:
     """Builds plain data from events, keeping a stack of open collections."""
 
-    def __init__(self, file: str) -> None:
-        self.file = file
+    def __init__(self, file: str, *, limited: bool) -> None:
+        self.file, self._limited = file, limited
         self.root: Any = None
         self.marks: dict[Path, Positions] = {}
         self.faults: list[Fault] = []
@@ -211,7 +213,7 @@ class _TreeBuilder:
         self._last: yaml.Event | None = None  # the event before
 
     def check_characters(self, text: str) -> None:
-        if len(text) > MAX_CHARACTERS:
+        if self._limited and len(text) > MAX_CHARACTERS:
             size = f"{MAX_CHARACTERS // 2**20} MiB"
             self._stop((1, 1), f"the text is longer than {size}; put large data in files")
         matches = list(islice(_UNTYPABLE.finditer(text), 10))
@@ -259,12 +261,12 @@ class _TreeBuilder:
 
     def _count(self, nodes: int, position: Place) -> None:
         self._nodes += nodes
-        if self._nodes > _MAX_NODES:
+        if self._limited and self._nodes > _MAX_NODES:
             self._stop(position, f"more than {_MAX_NODES:,} values, aliases counted; put large data in files")
 
     def _scalar(self, event: yaml.ScalarEvent, position: Place) -> Any:
         text, tag = event.value, event.tag
-        if _UNSTORABLE.search(text):
+        if UNSTORABLE.search(text):
             self._fault(position, "a text cannot hold the character NUL or half of a surrogate pair")
         try:
             if tag is None:

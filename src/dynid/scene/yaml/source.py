@@ -7,6 +7,7 @@ import stat
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -65,6 +66,35 @@ class Source:
         return dump((self.written or self).data)
 
 
+class _BuiltSource(Source):
+    """A scene of plain data: its text is written, and read for the places in it, where either is used."""
+
+    @cached_property
+    def text(self) -> str:  # type: ignore[override]
+        from dynid.scene.yaml.writer import dump
+
+        return dump(self.data)
+
+    @cached_property
+    def marks(self) -> dict[Path, Positions]:  # type: ignore[override]
+        return parse_yaml(self.text, self.file, limited=False)[1]
+
+
+def built_source(data: Any, file: str) -> Source:
+    """Return a scene built in Python.
+
+    Raises `SceneError` where its text would not be a document of plain data, `UsageError` where it has none.
+    """
+    from dynid.scene.yaml.writer import dump, plain
+
+    source = object.__new__(_BuiltSource)
+    try:
+        vars(source).update(file=file, data=plain(data), overridden=False, written=None)
+    except ValueError:
+        return parse_source(dump(data), file, limited=False)
+    return source
+
+
 def read_source(path: str | os.PathLike[str]) -> Source:
     """Read a scene file.
 
@@ -87,12 +117,12 @@ def read_source(path: str | os.PathLike[str]) -> Source:
     return parse_source(text, name)
 
 
-def parse_source(text: str, file: str = "<scene>") -> Source:
-    """Read a scene from a text.
+def parse_source(text: str, file: str = "<scene>", *, limited: bool = True) -> Source:
+    """Read a scene from a text, of any length where it is not `limited`.
 
     Raises `SceneError` when the text is not a document of plain data, with all faults.
     """
-    data, marks, faults = parse_yaml(text, file)
+    data, marks, faults = parse_yaml(text, file, limited=limited)
     if data is None and not faults:
         faults = [Fault(file, 1, 1, "the scene is empty")]
     if faults:

@@ -11,11 +11,21 @@ from typing import Any, NamedTuple
 import yaml
 
 from dynid.errors import UsageError
-from dynid.scene.yaml.parser import Key, Path, parse_yaml, resolve_plain
+from dynid.scene.yaml.parser import (
+    MAX_DEPTH,
+    MAX_DIGITS,
+    UNSTORABLE,
+    Key,
+    Path,
+    parse_yaml,
+    resolve_plain,
+)
 from dynid.suggestions import short_paths
 
+_SafeDumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
-class _Dumper(yaml.SafeDumper):
+
+class _Dumper(_SafeDumper):  # type: ignore[misc]
     """Dumper of plain data, which `parse_yaml` reads back as the same data."""
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
@@ -41,14 +51,14 @@ def _represent(dumper: _Dumper, value: Any) -> yaml.ScalarNode:
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
 
 
-def _represent_other(dumper: _Dumper, value: Any) -> yaml.Node:
-    """Represent numbers and arrays of NumPy as numbers and lists, paths as texts, fractions as quotients."""
+def _converted(value: Any) -> Any:
+    """Return numbers and arrays of NumPy as numbers and lists, paths as texts, fractions as quotients."""
     if hasattr(value, "tolist"):
-        return dumper.represent_data(value.tolist())
+        return value.tolist()
     if isinstance(value, Fraction):
-        return _represent(dumper, str(value) if value.denominator > 1 else value.numerator)
+        return str(value) if value.denominator > 1 else value.numerator
     if isinstance(value, os.PathLike):
-        return _represent(dumper, os.fspath(value))
+        return os.fspath(value)
     raise UsageError(
         f"a scene cannot hold {value!r}, of type {type(value).__name__}",
         remedy="It holds mappings, lists, numbers, texts, true and false.",
@@ -57,20 +67,39 @@ def _represent_other(dumper: _Dumper, value: Any) -> yaml.Node:
 
 for _type in (str, int, float, bool, type(None)):
     _Dumper.add_representer(_type, _represent)
-_Dumper.add_multi_representer(object, _represent_other)
+_Dumper.add_multi_representer(object, lambda dumper, value: dumper.represent_data(_converted(value)))
 _Dumper.yaml_implicit_resolvers = {}
+_UNBROKEN = 2**31 - 1  # characters of a line; the largest that libyaml takes
+
+
+def plain(value: Any, depth: int = 0) -> Any:
+    """Return data as `parse_yaml` reads them from their text; raise `ValueError` where it has faults."""
+    kind = type(value)
+    if kind in (float, bool, type(None)) or (kind is int and abs(value) < 10**MAX_DIGITS):
+        return value
+    if kind is str and not UNSTORABLE.search(value):
+        return value
+    if kind in (int, str) or depth >= MAX_DEPTH:
+        raise ValueError
+    if kind in (list, tuple):
+        return [plain(entry, depth + 1) for entry in value]
+    if kind is not dict:
+        return plain(_converted(value), depth)
+    if not all(type(key) in (str, int) for key in value) or len(set(map(str, value))) < len(value):
+        raise ValueError
+    return {plain(key): plain(entry, depth + 1) for key, entry in value.items()}
 
 
 def dump(data: Any) -> str:
     """Return plain data as YAML, which `parse_yaml` reads back as the same data."""
-    text: str = yaml.dump(data, Dumper=_Dumper, allow_unicode=True, sort_keys=False, width=2**31)
+    text: str = yaml.dump(data, Dumper=_Dumper, allow_unicode=True, sort_keys=False, width=_UNBROKEN)
     return text
 
 
 def flow(data: Any) -> str:
     """Return plain data as YAML on one line, for any place in a text."""
     listed: str = yaml.dump(
-        [data], Dumper=_Dumper, allow_unicode=True, sort_keys=False, width=2**31, default_flow_style=True
+        [data], Dumper=_Dumper, allow_unicode=True, sort_keys=False, width=_UNBROKEN, default_flow_style=True
     )
     return listed.strip()[1:-1]
 
