@@ -113,7 +113,6 @@ def explain_file(send: Send, width: str, path: str, *overrides: str) -> None:
 def _explain_in_parts(scene: Scene, send: Send) -> None:
     """Send the explanation of a scene, then its failure, or its cost by a trial run."""
     from dynid.scene.explanation import TRIAL_SECONDS, explain, trial
-    from dynid.scene.kinds.study import base_scene
 
     def report(text: str) -> None:
         send({"progress": text})
@@ -136,7 +135,7 @@ def _explain_in_parts(scene: Scene, send: Send) -> None:
             else:  # a sample that fails is a row of its file
                 lines = [
                     "  the scene fails at its own values:",
-                    f"  {base_scene(scene).locate(obstacle)}",
+                    f"  {scene.base.locate(obstacle)}",
                     "",
                 ]
                 send({"failure": lines, "code": 0})
@@ -263,7 +262,6 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
       dynid check --explain isolator.yaml
     """  # noqa: D301 - click's mark against wrapping
     from dynid.cli.run import LocatedError, warn_of_doubts
-    from dynid.scene.kinds.study import base_scene
     from dynid.scene.load import load_scene
 
     code = faults = 0
@@ -274,7 +272,7 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
             loading = (
                 loading or time.process_time() - began
             )  # the first one: later ones find all modules loaded
-            warn_of_doubts(base_scene(scene) if scene.kind == "study" else scene)
+            warn_of_doubts(scene.base)
             obstacles, exit_code = _obstacles(scene)
             if obstacles:
                 click.echo("\n".join(obstacles), err=True)
@@ -301,12 +299,11 @@ def _obstacles(scene: Scene) -> tuple[list[str], int]:
     """Return what prevents a valid scene from running and meeting its expectations, and the exit code."""
     from dynid.scene.files import missing_files
     from dynid.scene.kinds.expected_paths import impossible_paths
-    from dynid.scene.kinds.study import base_scene
     from dynid.scene.run import preparation_errors
 
     code = 0
     faults: list[Fault] = []
-    checked = base_scene(scene) if scene.kind == "study" else scene
+    checked = scene.base
     errors = preparation_errors(checked)
     if errors and checked is not scene:  # only errors that the first sample has, too
         from dynid.scene.load import check_source

@@ -41,8 +41,7 @@ def missing_files(scene: Scene) -> list[Fault]:
     from dynid.scene.schema.study import Listed, paths_of
 
     base, model = base_scene(scene), study_model(scene)
-    paths = [path for key in model.vary for path in paths_of(key)]
-    faults = _missing(base, [path_of(base.source, path) for path in paths])
+    faults = _missing(base, [path_of(base.source, path) for path in model.varied])
     for key, factor in model.vary.items():
         for number, value in enumerate(factor.values if isinstance(factor, Listed) else []):
             if isinstance(value, str | list | dict):

@@ -29,6 +29,7 @@ class Kind:
     check_valid: str = ""
     #: Function of a valid scene; yields its parts that a run does not use, as faults that are warnings.
     doubts: str = ""
+    base: str = ""  #: Function of a valid scene; returns the scene that it varies.
     unread: str = ""  #: Function of a valid scene; yields the keys whose files a run does not read.
     #: Function of a scene, the paths that vary and what is collected; returns the plan of the samples
     #: (`dynid.scene.batch.SamplePlan`), or raises `NotShared`.
@@ -117,6 +118,7 @@ _KINDS = (
         template="study.yaml",
         model="dynid.scene.schema.study:StudyScene",
         run="dynid.scene.kinds.study:run",
+        base="dynid.scene.kinds.study:base_scene",
         check_valid="dynid.scene.kinds.study:check_study",
         content="dynid.report.content.study",
     ),

@@ -71,6 +71,15 @@ class Scene(Generic[M]):
         """The folder that paths in the scene are relative to."""
         return Path(self.source.file).parent
 
+    @property
+    def base(self) -> Scene:
+        """The scene that a study varies; a scene of another kind itself.
+
+        Raises `FileError` where it cannot be read, `SceneError` with all faults of it.
+        """
+        base = KINDS[self.kind].load("base")
+        return base(self) if base else self
+
     def to_yaml(self) -> str:
         """Return the scene as YAML: the text as read, or written anew where values were set."""
         return self.source.resolved_text()

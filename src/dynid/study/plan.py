@@ -287,8 +287,7 @@ def _sampled(
 ) -> tuple[Mapping[str, Sequence[Any] | NDArray[Any]], int, dict[str, Scalar]]:
     """Return the values of every factor, their number, and the attributes of the sampling."""
     sampling = model.sampling
-    varied = "\n".join(path for key in model.vary for path in paths_of(key))
-    attrs: dict[str, Scalar] = {"method": sampling.method, "varied": varied}
+    attrs: dict[str, Scalar] = {"method": sampling.method, "varied": "\n".join(model.varied)}
     if sampling.method in ("grid", "list"):
         listed = {
             key: factor.values if isinstance(factor, Listed) else spread(factor)

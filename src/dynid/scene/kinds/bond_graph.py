@@ -145,13 +145,14 @@ def _unless_undecided(step: PreparationStep) -> None:
 
 def _check_sources(scene: Scene[BondGraphScene]) -> None:
     """Raise where sources contradict each other, so that the graph has no solution."""
-    from dynid.bondgraph.cut_loops import CutLoops
     from dynid.bondgraph.reduction.junctions import JunctionStructure
     from dynid.bondgraph.reduction.solvability import hold
 
     built, analysis = built_graph(scene), scene.model.analysis
     graph = built.graph
     if built.opened is not None:  # a loop may be algebraic, without a solution
+        from dynid.bondgraph.cut_loops import CutLoops
+
         cut = None
         with suppress(Singular):  # what is wrong without loops is reported below
             cut = CutLoops(built.opened, built.loops)

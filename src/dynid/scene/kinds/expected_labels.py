@@ -14,7 +14,6 @@ from dynid.bondgraph.graph import SOURCES, STORAGES
 from dynid.errors import DynidError
 from dynid.scene.kinds.parameters import quantities, unknown_parameters
 from dynid.scene.kinds.result_layout import OF_RECORDS, RECORD, Parts, names_in
-from dynid.scene.schema.reduction import max_size, result_names
 from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
@@ -112,6 +111,8 @@ def method_names(scene: Scene, parts: Parts) -> list[str]:
     """Return the names of the reductions of a scene, which are arrays in `reduction/frf`."""
     if parts[:2] != _FRF:
         return []
+    from dynid.scene.schema.reduction import result_names
+
     return result_names([reduction.method for reduction in scene.model.reduction])
 
 
@@ -334,6 +335,8 @@ def _size(scene: Scene, parts: Parts, dim: str) -> int | None:
     if dim not in ("mode", "full_mode"):
         return None
     if scene.kind == "reduction" and parts[0] == "reduction":
+        from dynid.scene.schema.reduction import max_size
+
         reduction = scene.model.reduction[method_names(scene, _FRF).index(parts[1])]
         size, full = max_size(reduction), structure_in(scene).size
         return full if size is None else min(size, full)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES, ResultName, available_results
 from dynid.errors import DynidError, Fault
+from dynid.scene.kind import resolve
 from dynid.scene.kinds.expected_labels import (
     analysis_of,
     method_names,
@@ -31,18 +32,14 @@ from dynid.scene.kinds.result_layout import (
     names_in,
     pattern_of,
 )
-from dynid.scene.schema.base import Section
-from dynid.scene.schema.joints import JointModel
-from dynid.scene.schema.measurement import NoiseModel
 from dynid.scene.schema.references import sections
-from dynid.scene.schema.structure import DampingModel, MatricesModel
-from dynid.scene.schema.study import StudyScene, paths_of
 from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import AnalysisModel
     from dynid.scene.schema.identification import IdentificationScene
+    from dynid.scene.schema.study import StudyScene
 
 #: Attributes of a channel's properties that are named like one of these.
 _NOTES = frozenset({"hidden_mode_note", "approximate"})
@@ -158,7 +155,7 @@ def impossible_paths(scene: Scene, study: Scene[StudyScene] | None = None) -> It
         return
     certain = study is None or all(
         path.startswith("parameters.") or path.endswith(".value") or "." not in path
-        for path in [*(path for key in study.model.vary for path in paths_of(key)), *study.model.derive]
+        for path in [*study.model.varied, *study.model.derive]
     )
     paths: list[tuple[Scene, tuple[str | int, ...], str]] = [
         (scene, ("expect", k, "path"), expected.path) for k, expected in enumerate(scene.model.expect)
@@ -266,6 +263,11 @@ def _unlisted(name: str, result: ResultName) -> str:
     return f"'{name}' comes with the result '{result}', which 'results' does not list; add it"
 
 
+def _sections(model: Any, reference: str) -> list[Any]:
+    """Return the sections of a model in `dynid.scene.schema`, which is loaded here."""
+    return [section for _, section in sections(model, resolve(f"dynid.scene.schema.{reference}"))]
+
+
 def _has(model: Any, key: str) -> bool:
     """Return True for a scene with a key, given by its dotted path, or with a condition of `_NEEDS`."""
     match key:
@@ -277,20 +279,21 @@ def _has(model: Any, key: str) -> bool:
         case "sample":
             return model.control is not None and bool(model.control.sampled)
         case "joint laws":
-            return any(joint.laws for _, joint in sections(model, JointModel))
+            return any(joint.laws for joint in _sections(model, "joints:JointModel"))
         case "loss factors":
-            files = list(sections(model, MatricesModel))  # which may have complex stiffnesses
-            return bool(files) or any(getattr(part, "eta", None) for _, part in sections(model, Section))
+            files = _sections(model, "structure:MatricesModel")  # which may have complex stiffnesses
+            return bool(files) or any(getattr(part, "eta", None) for part in _sections(model, "base:Section"))
         case "linear joints in time":
             timed = model.measurement is not None and any(not record.frf for record in model.measurement.each)
-            linear = not _has(model, "joint laws") and any(True for _ in sections(model, JointModel))
+            joints = _sections(model, "joints:JointModel")
+            linear = bool(joints) and not any(joint.laws for joint in joints)
             return timed and linear and model.graph is None and not model.measurement.modes_alone
         case "equivalent":
-            return any(damping.equivalent for _, damping in sections(model, DampingModel))
+            return any(damping.equivalent for damping in _sections(model, "structure:DampingModel"))
         case "huber":
             return bool(model.estimator.loss == "huber")
         case "noise":
-            return any(isinstance(record.noise, NoiseModel) for record in model.measurement.each)
+            return any(_sections(record.noise, "measurement:NoiseModel") for record in model.measurement.each)
         case "reduction":
             records = model.measurement.each
             simulated = [record.frf.simulate if record.frf else record.simulate for record in records]

@@ -98,7 +98,7 @@ def _study_faults(model: StudyScene) -> Iterator[Located]:
 
 def _path_faults(model: StudyScene) -> Iterator[Located]:
     """Yield the faults of paths: given twice, or several with lists of values of another length."""
-    counts = Counter(path for key in model.vary for path in paths_of(key))
+    counts = Counter(model.varied)
     targets = [*counts, *(path for path in model.derive if "." in path)]
     for key, factor in model.vary.items():
         paths = paths_of(key)

@@ -214,6 +214,11 @@ class StudyScene(SceneModel):
     sampling: Sampling = Sampling()
     collect: list[Annotated[str, Field(min_length=1)]] = []
 
+    @property
+    def varied(self) -> list[str]:
+        """The dotted paths of all keys of `vary`."""
+        return [path for key in self.vary for path in paths_of(key)]
+
 
 def paths_of(key: str) -> tuple[str, ...]:
     """Return the dotted paths in a key of `vary`: one, or several separated by commas."""
