@@ -10,7 +10,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.arithmetic.dependent import Dual
-from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.analysis_request import (
     Analysis,
     FormulaRequest,
@@ -67,6 +66,8 @@ def run(scene: Scene[BondGraphScene], sample: Result | None = None) -> Result:
     Of the `sample` of a study only what it wants is computed. Raises `Singular` where the graph has no unique
     solution. Raises `Unreachable` where the targets of a design cannot be reached.
     """
+    from dynid.bondgraph.analysis import analyse
+
     if scene.model.design is None:
         graph, analysis = question(scene)
         if sample is not None and not wants_scope(sample, "bond_graph"):
