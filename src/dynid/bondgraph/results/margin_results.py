@@ -49,8 +49,12 @@ _LEFT_OUT = "left out"
 #: Why margins are NaN.
 UNDEFINED = "the closed loop is not stable"
 _UNITS = {"phase": "deg", "delay": "s"}
-#: Frequencies of the functions where the scene has none, and gains of a root locus.
+#: Frequencies of the functions where the scene has none, beside those of resonances; gains of a root locus.
 _FREQUENCY_POINTS, _GAINS = 400, 121
+#: Frequencies about a resonance, ω = Im p + Re p tan(θ), turn L by 2 Δθ each on its circle; resonances up to
+#: this damping ratio, of which the wide grid has too few, the most lightly damped ones up to this number.
+_ALONG_RESONANCE = np.tan(np.radians(np.arange(-80, 81, 10)))
+_LIGHT_DAMPING, _RESONANCES = 0.1, 40
 #: Relative distances from a gain at which branches meet, where they are fast, of further gains.
 _MEETING_OFFSETS = (1e-3, 1e-2)
 #: Which roots a locus of a loop with delays has.
@@ -86,7 +90,8 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
         _add_roots(result, closed, system.unstable_poles, work)
     if not names:
         return
-    omega = frequencies_near(functions, loop_margins, work) if omega is None else omega
+    if omega is None:
+        omega = frequencies_near(roots_of(functions, work), loop_margins)
     _add_functions(result, names, functions, omega)
     add_loci(result, names, functions, work)
 
@@ -213,22 +218,32 @@ def _values(balls: Iterable[Any]) -> list[complex]:
     return [complex(ball) for ball in balls]
 
 
-def frequencies_near(
-    functions: Iterable[tuple[QuasiPolynomial, QuasiPolynomial]], loop_margins: Iterable[Margins], work: Work
-) -> NDArray[np.float64]:
-    """Return frequencies around the crossings, and around what else is notable."""
-    near = [
+def roots_of(functions: Iterable[tuple[QuasiPolynomial, QuasiPolynomial]], work: Work) -> ComplexArray:
+    """Return the roots of the polynomials of loops, as far as they cost no more than the work."""
+    roots: list[complex] = []
+    with contextlib.suppress(Undecided):
+        for function in chain.from_iterable(functions):
+            for polynomial in function.terms.values():
+                roots += _values(root_balls(polynomial, work=work))
+    return np.array(roots, complex)
+
+
+def frequencies_near(roots: ComplexArray, loop_margins: Iterable[Margins]) -> NDArray[np.float64]:
+    """Return frequencies around the roots of loops and with their crossings, peaks and resonances."""
+    notable = [
         value
         for margin in loop_margins
         for value in (margin.gain_crossover, margin.phase_crossover, margin.modulus_at, margin.Mt_at)
         if 0 < value < np.inf
     ]
-    with contextlib.suppress(Undecided):  # the crossings suffice
-        for function in chain.from_iterable(functions):
-            for polynomial in function.terms.values():
-                near += [size for size in map(abs, _values(root_balls(polynomial, work=work))) if size]
+    near = [*notable, *np.abs(roots[roots != 0])]
     low, high = (min(near), max(near)) if near else (1.0, 1.0)
-    return np.geomspace(max(low, 1e-6 * high) / 30, high * 30, _FREQUENCY_POINTS)
+    grid = np.geomspace(max(low, 1e-6 * high) / 30, high * 30, _FREQUENCY_POINTS)
+    decay = np.abs(roots.real)
+    light = np.unique(roots[(decay > 0) & (decay < _LIGHT_DAMPING * roots.imag)])
+    light = light[np.argsort(np.abs(light.real) / light.imag, kind="stable")][:_RESONANCES]
+    resonances = light.imag[:, None] + np.abs(light.real)[:, None] * _ALONG_RESONANCE
+    return np.unique(np.concatenate([grid, notable, resonances.ravel()]))
 
 
 def _add_functions(

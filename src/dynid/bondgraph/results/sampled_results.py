@@ -16,6 +16,7 @@ from dynid.bondgraph.results.margin_results import (
     add_loci,
     add_loop_margins,
     frequencies_near,
+    roots_of,
 )
 from dynid.bondgraph.sampled_loops import SampledLoops
 from dynid.lti.axis_boxes import Work
@@ -55,7 +56,9 @@ def add_sampled(result: Result, loops: SampledLoops, omega: NDArray[np.float64] 
     result.annotate(_SAMPLED, sample=float(loops.period), computation=computations, note=note)
     functions = [] if loops.delays else [*map(_quasi, map(loops.loop, numbers))]
     if omega is None:
-        near = frequencies_near(functions, loop_margins, Work(_WORK))
+        half = float(loops.period) / 2  # the functions' variable is w = tanh(s T / 2) / (T / 2)
+        roots = half * roots_of(functions, Work(_WORK))
+        near = frequencies_near(np.arctanh(roots[np.abs(roots) != 1]) / half, loop_margins)
         omega = near[near < math.pi / float(loops.period)]
     add_gains(result, names, omega, np.stack([loops.gain(number, omega) for number in numbers], axis=1))
     if loops.delays:
