@@ -160,9 +160,12 @@ def test_an_unstable_loop_has_no_margins_and_no_peaks_on_the_page():
 @pytest.mark.parametrize("controller", ["{gain: 0.01}", "{gain: 0.01, sample: 0.02}"])
 def test_loci_of_lightly_damped_loops_have_no_corners(controller):
     """At a damping ratio of 1e-4 the wide grid has one frequency or none on the circle of the resonance."""
-    text = SCENE.replace("nodes: {", "nodes: {i: 1, z: 0, k: {type: C, value: 2e-3}, M: {type: I, value: 0.3}, ")
-    text = text.replace("j -> J,", "j -> J, j -> z, z -> k, z -> i, i -> M,").replace("value: 0.2", "value: 0.03")
-    result = dynid.run(check_source(parse_source(text.replace("CONTROLLER", controller), "scene.yaml")))
+    more = "i: 1, z: 0, k: {type: C, value: 2e-3}, M: {type: I, value: 0.3}"
+    text = SCENE.replace("nodes: {", f"nodes: {{{more}, ").replace("value: 0.2", "value: 0.03")
+    text = text.replace("j -> J,", "j -> J, j -> z, z -> k, z -> i, i -> M,").replace(
+        "CONTROLLER", controller
+    )
+    result = dynid.run(check_source(parse_source(text, "scene.yaml")))
     (picture,) = (figure.draw() for figure in figures(result) if figure.name == "loop-nyquist")
     (curve,) = (layer for layer in picture.rows[0][0].layers if getattr(layer, "name", "") == "L")
     locus = np.asarray(curve.x) + 1j * np.asarray(curve.y)
