@@ -280,7 +280,8 @@ def _settled(
         if rebuild is None:
             if covering is likelihood or number == most_rounds:
                 break
-            likelihood, eta, here = covering, estimate.fit.eta, _with(here, multi_start=False)
+            likelihood, eta = covering, estimate.fit.eta
+            here = _with(here, multi_start=False, near=_noise_of(posterior))
             continue
         deviations = posterior.information.deviations()
         change, eta = np.abs(estimate.fit.eta - eta), estimate.fit.eta
@@ -294,7 +295,7 @@ def _settled(
         elif not search_last:
             if settled:
                 break
-            here = _with(here, multi_start=False)
+            here = _with(here, multi_start=False, near=_noise_of(posterior))
         model = rebuild(named(model.unknowns, eta))
         if number == most_rounds:
             break
@@ -426,7 +427,12 @@ def _suggesting(error: DynidError, mistakes: Sequence[str]) -> DynidError:
     return type(error)(error.problem, remedy=remedy, names=error.names)
 
 
-def _with(estimator: Any, **options: bool) -> Any:
+def _noise_of(posterior: Posterior) -> list[Array] | None:
+    """Return the noise at an accepted estimate (channels of each record); None at a disputed one."""
+    return None if posterior.estimate.disputed else posterior.likelihood.likeliest(posterior.fit)
+
+
+def _with(estimator: Any, **options: Any) -> Any:
     """Return an estimator with these options of an automatic one; any other stays as it is."""
     if isinstance(estimator, Huber):
         return replace(estimator, inner=_with(estimator.inner, **options))
@@ -465,6 +471,6 @@ def _continued(before: Posterior, likelihood: Likelihood, now: Estimate) -> Esti
         now,
         histories=[*earlier, *now.histories],
         stages=stages,
-        counts=old.counts if "starts" in now.counts else now.counts,  # the search was the first one
+        counts=old.counts if "starts" in old.counts else now.counts,  # the search was the first one
         disputed=now.disputed and old.disputed,
     )

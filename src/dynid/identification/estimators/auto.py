@@ -43,6 +43,7 @@ from dynid.arrays import Array, finite
 from dynid.errors import DynidError, UsageError
 from dynid.identification.estimators.estimate import Estimate, Sweep
 from dynid.identification.estimators.filter_passes import annealed_passes, last, run_passes
+from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.estimators.multi_start import Attempt, Search, SearchStart, drawn_starts, guided
 from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
@@ -237,6 +238,9 @@ class Auto:
     multi_start: bool = True  # True: more than the attempts from the given start may be made
     # True: residuals of frequency responses that are small are accepted whatever their colour.
     accept_small: bool = False
+    # The noise (channels of each record) of a nearby model whose accepted estimate the origin is: records of
+    # time go to the optimum that is next to it.
+    near: Sequence[Array] | None = None
     name: str = "auto"
 
     def run(self, likelihood: Likelihood, origin: Array) -> Estimate:
@@ -247,6 +251,8 @@ class Auto:
         if isinstance(likelihood, TimeLikelihood):
             if any(record.origin_is_free for record in likelihood.records):
                 return self._of_laws(likelihood, origin)
+            if self.near is not None:
+                return OutputError(noise=self.near).run(likelihood, origin)
             return self._of_records(likelihood, origin)
         if isinstance(likelihood, FrfLikelihood):
             return self._of_responses(likelihood, origin)

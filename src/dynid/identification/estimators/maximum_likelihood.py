@@ -41,7 +41,7 @@ from dynid.progress import report_progress
 
 #: Longest step of a coordinate in its unit: of a logarithm a factor of 4.5.
 _MAX_STEP = 1.5
-#: First damping, its least and its most; it falls and rises tenfold.
+#: First damping, its least, also that near an optimum, and its most; it falls and rises tenfold.
 _FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-3, 1e-10, 1e6
 #: A step is the last if the distance left is below this part of the standard errors, or this size.
 _LAST_DISTANCE_DEVIATIONS, _LAST_DISTANCE_UNITS = 1e-3, 1e-11
@@ -74,6 +74,8 @@ class OutputError:
 
     iterations: int = 50  # most steps
     name: str = "output-error"
+    # The noise (channels of each record) of a nearby model whose estimate the origin is; None: it is a start.
+    noise: Sequence[Array] | None = None
 
     def __post_init__(self) -> None:
         if self.iterations < 1:
@@ -84,20 +86,22 @@ class OutputError:
 
         Raises Diverged if the parameters run away.
         """
-        way = refine(likelihood, origin, self.iterations)
+        way = refine(likelihood, origin, self.iterations, self.noise)
         final, way = with_noise(likelihood, way)
         stage = EstimationStage.at("output error", final, way.fit, way.steps)
         return Estimate(way.fit, [], [stage], likelihood=final if likelihood.modelled else None)
 
 
-def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
+def refine(
+    likelihood: Likelihood, eta: Array, iterations: int = 50, noise: Sequence[Array] | None = None
+) -> Refined:
     """Go to the nearest maximum of the likelihood.
 
     Where records leave a direction between limits open, it is a narrow curved valley of the posterior, which
     is followed from the middle: with a strong pull to it first, and then with weaker ones.
 
-    `eta`: coordinates to start from (p); `iterations`: most steps. Raises Diverged if a parameter leaves its
-    start by a factor of a million.
+    `eta`: coordinates to start from (p); `iterations`: most steps; `noise`: that of a nearby model whose
+    estimate they are. Raises Diverged if a parameter leaves its start by a factor of a million.
     """
     eta, steps = likelihood.priors.clipped(eta), 0
     if likelihood.priors.pulled.any():
@@ -106,15 +110,18 @@ def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
         for pull in _PULLS if likelihood.priors.open(deviations).any() else ():
             middle = _nearest_maximum(replace(likelihood, pull=pull), eta, iterations)
             eta, steps = middle.fit.eta, steps + middle.steps
-    maximum = _nearest_maximum(likelihood, eta, iterations)
+    maximum = _nearest_maximum(likelihood, eta, iterations, noise)
     return Refined(maximum.fit, maximum.steps + steps)
 
 
-def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Refined:
+def _nearest_maximum(
+    likelihood: Likelihood, eta: Array, iterations: int, noise: Sequence[Array] | None = None
+) -> Refined:
     """Go to the nearest maximum of the likelihood by Levenberg and Marquardt's steps within the limits."""
-    fit = likelihood.fit(eta)
+    fit = likelihood.fit(eta, noise)
     misfit = likelihood.misfit(fit)
-    damping, before, smallest = _FIRST_DAMPING, 0.0, _LAST_DISTANCE_UNITS * likelihood.priors.units
+    damping = _FIRST_DAMPING if noise is None else _MIN_DAMPING
+    before, smallest = 0.0, _LAST_DISTANCE_UNITS * likelihood.priors.units
     superposes = all(record.superposes for record in likelihood.records)
     for number in range(1, iterations + 1):
         report_progress(f"maximum likelihood, step {number}")

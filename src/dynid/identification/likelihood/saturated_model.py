@@ -38,8 +38,8 @@ _FAST_POLE_RATIO = 3.0
 _MAX_COLUMN_GROWTH = 30.0
 # Norm of a column of norm 1, projected off those before it, below which it is linearly dependent.
 _NEW_DIRECTION_NORM = 1e-5
-# Part of a column's square that its rounding may be; squares below this one make that of others grow.
-_ROUND_OFF_SHARE, _GROWING_ROUND_OFF_SQUARE = 0.01, 1e-4
+# That of a column off a range of which it is a part, to rounding.
+_RANGE_ROUND_OFF = 1e-11
 
 
 class RegressorKind:
@@ -56,6 +56,21 @@ class RegressorKind:
     BEFORE = 5
 
 
+class Directions(NamedTuple):
+    """Orthonormal directions that columns add in turn (m x rows), and where they come from.
+
+    `places` (m): the column of each; `size` (m): the norm of what that one has beside those before it.
+    """
+
+    places: NDArray[np.int_]
+    size: Array
+    vectors: Array
+
+    def first(self, count: int) -> Directions:
+        """Return the first ones, at most so many."""
+        return Directions(*(part[: max(count, 0)] for part in self))
+
+
 @dataclass(frozen=True, eq=False)
 class Regressors:
     """Regressors (rows x d) with their `kind` (d) and `group` (d): columns of one complex number.
@@ -69,6 +84,8 @@ class Regressors:
     group: NDArray[np.int_]
     pole: ComplexArray
     rate: Array
+    # Free decays, which span most derivatives by the first state (rows x any); they are no regressors.
+    decays: Array | None = None
     _labels: dict[tuple[int, ...], Labels] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -104,9 +121,15 @@ class Regressors:
         return Regressors(*(np.concatenate(block, axis=-1) for block in blocks))
 
     @cached_property
-    def gram(self) -> Array:
-        """Their products (d x d)."""
-        return np.asarray(self.values.T @ self.values)
+    def directions(self) -> tuple[Directions, Array]:
+        """Their directions, and those that complete the range of regressors and decays (any x rows)."""
+        count, decays = self.values.shape[1], self.decays
+        columns = self.values if decays is None else np.concatenate([self.values, decays], axis=1)
+        norms = np.linalg.norm(columns, axis=0)
+        Q, R = np.linalg.qr(columns / np.where(norms > 0, norms, 1.0))
+        places, size, vectors = _directions(R[:, :count])
+        rest = np.linalg.qr(vectors.T, mode="complete")[0].T[len(places) :]
+        return Directions(places, size * norms[places], vectors @ Q.T), rest @ Q.T
 
     def labels_with(self, *widths: int) -> Labels:
         """Return kinds, groups, poles, rates with so many columns of the scene, faults and delays after."""
@@ -123,7 +146,10 @@ class Regressors:
 
     def where(self, there: NDArray[np.bool_]) -> Regressors:
         """Return the regressors of a channel whose values are there (rows)."""
-        return self if there.all() else replace(self, values=self.values * there[:, None])
+        if there.all():
+            return self
+        decays = None if self.decays is None else self.decays * there[:, None]
+        return replace(self, values=self.values * there[:, None], decays=decays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,10 +248,13 @@ def regressors_in_time(
     budget = max(0, max_count - direct.values.shape[1]) // (4 * (1 + forces.shape[1]))
     kept = _upper_poles(poles, math.pi / step, _FAST_POLE_RATIO / step)[:budget]
     modes, moves, pole_of_column = _modes(kept, forces, times)
-    return direct.joined(
+    others = poles[(poles.imag >= 0) & ~np.isin(poles, kept)]
+    decays = Regressors.of_poles(RegressorKind.SCENE, _decays(others * step, len(times)), others)
+    regressors = direct.joined(
         Regressors.of_poles(RegressorKind.MODE, modes, pole_of_column),
         Regressors.of_poles(RegressorKind.POLE, moves, pole_of_column, span),
     )
+    return replace(regressors, decays=decays.values)
 
 
 def _unit(values: Array) -> Array:
@@ -364,84 +393,57 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     """
     sides = (channel.by_parameter.T, channel.by_state.T, channel.faults.T, channel.before.T)
     compared = channel.measured[None], channel.residual[None]
-    own_columns = np.concatenate([channel.prediction[None], *sides, *compared])
-    largest = np.abs(own_columns).max(axis=1, initial=0.0)
-    own_columns /= np.where(largest > 0, largest, 1.0)[:, None]
-    first, p = shared.values.shape[1], channel.by_parameter.shape[1]
-    gram = np.empty((first + len(own_columns), first + len(own_columns)))
-    gram[:first, :first], gram[first:, first:] = shared.gram, own_columns @ own_columns.T
-    gram[first:, :first] = own_columns @ shared.values
-    gram[:first, first:] = gram[first:, :first].T
-    size = np.sqrt(gram.diagonal())
-    unit = np.where(size > 0, size, 1.0)
-    gram /= unit
-    gram /= unit[:, None]
-    size[first:] *= largest
-    last = first + 1 + p + channel.by_state.shape[1]
-    kinds, group, pole, rate = shared.labels_with(
-        last - first, channel.faults.shape[1], channel.before.shape[1]
+    columns = np.concatenate([channel.prediction[None], *sides, *compared])
+    largest = np.abs(columns).max(axis=1, initial=0.0)
+    columns /= np.where(largest > 0, largest, 1.0)[:, None]
+    norms = np.linalg.norm(columns, axis=1)
+    columns /= np.where(norms > 0, norms, 1.0)[:, None]
+    p, n, max_rank = channel.by_parameter.shape[1], channel.by_state.shape[1], int(count) - 1
+    directions, decays = shared.directions
+    places, size, basis = directions.first(max_rank)
+    both = np.concatenate([basis, decays])
+    inside = columns @ both.T
+    # Derivatives by the state are in the range of those directions, but for rounding.
+    columns -= inside @ both
+    new = np.flatnonzero(np.linalg.norm(columns, axis=1) > _RANGE_ROUND_OFF)
+    further = np.linalg.qr(columns[new].T, mode="r")
+    beside = np.zeros((len(decays) + len(further), len(columns)))
+    beside[: len(decays)], beside[len(decays) :, new] = inside[:, len(places) :].T, further
+    norms *= largest
+    own = _directions(beside[:, : -len(compared)]).first(max_rank - len(places))
+    R = np.concatenate([inside[:, : len(places)].T, own.vectors @ beside]) * norms
+    labels = shared.labels_with(1 + p + n, channel.faults.shape[1], channel.before.shape[1])
+    kind, group, pole, rate = (
+        label[np.concatenate([places, shared.values.shape[1] + own.places])] for label in labels
     )
-    active, max_rank = len(gram) - len(compared), int(count) - 1
-    directions = _triangle(gram, active, max_rank)
-    if directions is None:
-        columns = np.concatenate([shared.values, own_columns.T], axis=1) / unit
-        directions = _orthogonalised(np.asarray(np.linalg.qr(columns, mode="r")), active, max_rank)
-    places, R = directions[0], directions[1] * size
     return SaturatedCoordinates(
-        kind=kinds[places],
-        group=group[places],
-        pole=pole[places],
-        rate=rate[places],
-        size=R[np.arange(len(places)), places],
+        kind=kind,
+        group=group,
+        pole=pole,
+        rate=rate,
+        size=np.concatenate([size, own.size * norms[own.places]]),
         measured=R[:, -2],
         residual=R[:, -1],
-        by_state=R[:, first + 1 + p : last].copy(),  # without the columns between
-        by_parameter=R[:, first + 1 : first + 1 + p].copy(),
+        by_state=R[:, 1 + p : 1 + p + n].copy(),  # without the columns between
+        by_parameter=R[:, 1 : 1 + p].copy(),
         count=count,
         energy=float(np.sum(channel.measured**2)),
         left=float(np.sum(channel.residual**2)),
     )
 
 
-def _triangle(gram: Array, active: int, max_rank: int) -> tuple[NDArray[np.int_], Array] | None:
-    """Return the linearly independent active columns, and all columns in their directions (Cholesky)."""
-    # None where the columns depend on each other so nearly that their products lack the digits. `gram`:
-    # products of columns of norm 1 (d x d), the active ones first; `active`: how many of them are
-    # regressors. `max_rank`: most directions.
-    left, rounding = gram.copy(), float(np.finfo(float).eps)
+def _directions(columns: Array) -> Directions:
+    """Return the directions that columns (rows x d) add, of norm 1 or parts of such (Gram–Schmidt)."""
+    directions = np.zeros((min(columns.shape), len(columns)))
     places: list[int] = []
-    rows: list[Array] = []
-    for k in range(active):
-        if len(places) >= max_rank:
-            break
-        square = float(left[k, k])
-        if rounding > _ROUND_OFF_SHARE * max(square, _NEW_DIRECTION_NORM**2):
-            return None
-        if square <= _NEW_DIRECTION_NORM**2:
-            continue
-        row = left[k] / math.sqrt(square)
-        left[k + 1 :] -= row[k + 1 :, None] * row
-        places.append(k)
-        rows.append(row)
-        if (
-            square < _GROWING_ROUND_OFF_SQUARE
-        ):  # rounding of what is left grows by that of this column, over its size
-            rounding *= max(1.0, float(np.abs(row[k + 1 :]).max()) ** 2 / square)
-    return np.array(places, dtype=int), np.array(rows).reshape(-1, len(gram))
-
-
-def _orthogonalised(columns: Array, active: int, max_rank: int) -> tuple[NDArray[np.int_], Array]:
-    """Return what `_triangle` does, of the columns themselves (any x d): slower, with twice the digits."""
-    directions = np.zeros((0, len(columns)))
-    places: list[int] = []
-    for k in range(active):
-        if len(places) >= max_rank:
-            break
-        new = columns[:, k] - directions.T @ (directions @ columns[:, k])
-        new -= directions.T @ (directions @ new)  # once more: what rounding left
-        norm = float(np.linalg.norm(new))
-        if norm <= _NEW_DIRECTION_NORM:
-            continue
-        directions = np.concatenate([directions, [new / norm]])
-        places.append(k)
-    return np.array(places, dtype=int), directions @ columns
+    size: list[float] = []
+    for k, column in enumerate(columns.T):
+        before = directions[: len(places)]
+        new = column - (before @ column) @ before
+        new -= (before @ new) @ before  # once more: what rounding left
+        norm = math.sqrt(new @ new)
+        if norm > _NEW_DIRECTION_NORM and len(places) < len(directions):
+            directions[len(places)] = new / norm
+            places.append(k)
+            size.append(norm)
+    return Directions(np.array(places, dtype=int), np.array(size), directions[: len(places)])

@@ -494,7 +494,7 @@ class TimeRecord(RecordLikelihood):
                 regressors, outputs, measured, residual, by_state, by_parameter, faults = (
                     self.colour.of_channel(c, there, parts)
                 )
-                regressors_of_channel = replace(shared, values=regressors)
+                regressors_of_channel = replace(shared, values=regressors, decays=None)
             # A preparation filter correlates residuals that were white.
             before = delayed_residuals(residual) if white else np.zeros((len(there), 0))
             before = before if there.all() else before * there[:, None]
