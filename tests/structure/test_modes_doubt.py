@@ -26,8 +26,10 @@ def cantilever():
     return beam(3000, 1.0, 1.0, 1.0, supports=[Support(1, ("w", "theta"))])
 
 
+@pytest.mark.parametrize("library", ["auto", "0"])
 @pytest.mark.parametrize("sparse", [False, True])
-def test_strain_energies_are_those_of_exact_arithmetic(sparse):
+def test_strain_energies_are_those_of_exact_arithmetic(sparse, library, monkeypatch):
+    monkeypatch.setenv("DYNID_COMPILED", library)
     rng = np.random.default_rng(5)
     # Differences of neighbours, of random stiffness, and one row that has them all.
     n, springs = 30, rng.uniform(1e6, 1e9, 40)
@@ -38,8 +40,12 @@ def test_strain_energies_are_those_of_exact_arithmetic(sparse):
     exact = [[Fraction(value) for value in row] for row in K]
     x = [Fraction(value) for value in shape]
     energy = float(sum(x[i] * exact[i][j] * x[j] for i in range(n) for j in range(n)))
-    found = StrainEnergy(csc_array(K) if sparse else K).energy(shape)
-    assert found == pytest.approx(energy, rel=1e-13, abs=0)
+    strain = StrainEnergy(csc_array(K) if sparse else K)
+    assert strain.energy(shape) == pytest.approx(energy, rel=1e-13, abs=0)
+    left, right = np.stack([np.ones(n), shape], axis=1), np.stack([shape, -shape, np.zeros(n)], axis=1)
+    work = float(sum(exact[i][j] * x[j] for i in range(n) for j in range(n)))
+    gram = [[work, -work, 0.0], [energy, -energy, 0.0]]
+    np.testing.assert_allclose(strain.gram(left, right), gram, rtol=1e-13, atol=1e-14 * abs(energy))
     assert shape @ K @ shape != pytest.approx(energy, rel=1e-5)  # which is why
 
 

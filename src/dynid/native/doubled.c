@@ -1,5 +1,6 @@
 /* Complex numbers of twice the usual precision, with error bounds; see `dynid.bondgraph.program.frequency_sweep`,
- * whose comments hold here. Every rounding counts: compiled without contraction, fused where it is written. */
+ * whose comments hold here; and products with real matrices, as in `dynid.structure.modes.pencil`. Every rounding
+ * counts: compiled without contraction, fused where it is written. */
 #include "reals.h"
 
 #define BLOCK 64 /* frequencies in a block */
@@ -180,6 +181,47 @@ ENTRY int64_t dynid_run_tape(int64_t steps, const int64_t *rows, const double *n
       for (int i = 0; i < 4 * BLOCK; i++) c[i] = -a[i];
       for (int i = 4 * BLOCK; i < PARTS * BLOCK; i++) c[i] = a[i];
     }
+  }
+  return 0;
+}
+
+/* Set K x and its rounding error for vectors x (count x n); K by rows, each with its columns ascending. */
+ENTRY int64_t dynid_doubled_product(int64_t n, const int64_t *starts, const int64_t *columns, const double *entries,
+                                    int64_t count, const double *vectors, double *high, double *low) {
+  for (int64_t vector = 0; vector < count; vector++) {
+    const double *x = vectors + vector * n;
+    for (int64_t row = 0; row < n; row++) {
+      double sum = 0.0, lost = 0.0;
+      for (int64_t k = starts[row]; k < starts[row + 1]; k++) {
+        const double product = entries[k] * x[columns[k]];
+        double error;
+        sum = two_sum(sum, product, &error);
+        lost += error + fused(entries[k], x[columns[k]], -product);
+      }
+      high[vector * n + row] = sum;
+      low[vector * n + row] = lost;
+    }
+  }
+  return 0;
+}
+
+/* Set (high + low) right (count x columns) for (high + low) (count x n) and right (n x columns); work holds
+ * two rows. */
+ENTRY int64_t dynid_doubled_gram(int64_t n, int64_t count, int64_t columns, const double *high, const double *low,
+                                 const double *right, double *work, double *out) {
+  double *restrict sum = work, *restrict lost = work + columns;
+  for (int64_t vector = 0; vector < count; vector++) {
+    for (int64_t k = 0; k < 2 * columns; k++) work[k] = 0.0;
+    for (int64_t row = 0; row < n; row++) {
+      const double a = high[vector * n + row], b = low[vector * n + row], *restrict x = right + row * columns;
+      for (int64_t k = 0; k < columns; k++) {
+        const double product = a * x[k];
+        double error;
+        sum[k] = two_sum(sum[k], product, &error);
+        lost[k] += error + (fused(a, x[k], -product) + b * x[k]);
+      }
+    }
+    for (int64_t k = 0; k < columns; k++) out[vector * columns + k] = sum[k] + lost[k];
   }
   return 0;
 }

@@ -7,7 +7,6 @@ stiffness, and give the residuals of a refinement.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, cast
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array, finite
 from dynid.errors import Singular, UsageError
+from dynid.native import call, compiled
 from dynid.structure.matrices import Matrix, as_array, is_sparse, triplets
 
 
@@ -139,6 +139,11 @@ class StrainEnergy:
         else:
             places, columns, data = triplets(K)  # row by row
             starts = np.searchsorted(places, np.arange(K.shape[0] + 1))
+        self._compiled = compiled("dynid_doubled_gram")
+        if self._compiled:
+            self._columns, self._entries = np.ascontiguousarray(columns), np.ascontiguousarray(data)
+            self._starts = np.ascontiguousarray(starts)
+            return
         # The first entries of all rows, then the second ones, and so on; rows of many entries first.
         count = np.diff(starts)
         self._rows = np.argsort(-count, kind="stable")
@@ -151,14 +156,17 @@ class StrainEnergy:
 
     def energy(self, shape: Array) -> float:
         """Return the strain energy of a shape (n)."""
-        force, lost = (column[:, 0] for column in self._forces(shape[:, None]))
-        moved = shape[self._rows]
-        work, rest = _product(force, _halves(force), moved)
-        return math.fsum([*work.tolist(), *(rest + moved * lost).tolist()])
+        return float(self.gram(shape[:, None], shape[:, None])[0, 0])
 
     def gram(self, left: Array, right: Array) -> Array:
         """Return ``left^T K right`` (a x b) of shapes (n x a, n x b)."""
-        out, moved = np.zeros((left.shape[1], right.shape[1])), right[self._rows]
+        out = np.zeros((left.shape[1], right.shape[1]))
+        if self._compiled:
+            force, lost = (column.T for column in self._forces(left))
+            size, right = (right.shape[0], *out.shape), np.ascontiguousarray(right)
+            call("dynid_doubled_gram", *size, force, lost, right, np.empty(2 * out.shape[1]), out)
+            return out
+        moved = right[self._rows]
         for column, (force, lost) in enumerate(
             zip(*(columns.T for columns in self._forces(left)), strict=True)
         ):
@@ -171,13 +179,19 @@ class StrainEnergy:
         """Return ``B - K X`` (n x c), rounded once."""
         out = np.empty_like(B)
         force, lost = self._forces(X)
-        left, error = _sum(B[self._rows], -force)
-        out[self._rows] = left + (error - lost)
+        rows = slice(None) if self._compiled else self._rows
+        left, error = _sum(B[rows], -force)
+        out[rows] = left + (error - lost)
         return out
 
     def _forces(self, X: Array) -> tuple[Array, Array]:
-        """Return ``K X`` (n x c) and its rounding error, in the order of `_rows`."""
+        """Return ``K X`` (n x c) and its rounding error, in the order of `_rows` where NumPy computes them."""
         force, lost = np.zeros(X.shape, order="F"), np.zeros(X.shape, order="F")
+        if self._compiled:
+            matrix = len(X), self._starts, self._columns, self._entries
+            vectors = np.ascontiguousarray(X.T, dtype=float)
+            call("dynid_doubled_product", *matrix, X.shape[1], vectors, force.T, lost.T)
+            return force, lost
         for column in range(X.shape[1]):
             self._add_force(np.ascontiguousarray(X[:, column]), force[:, column], lost[:, column])
         return force, lost
