@@ -142,6 +142,10 @@ MASTER_COORDINATES = Limit(
 SINGLE_MASTERS = Limit(
     2000, "effective independence drops DOFs one by one once {value:,} are left, a quarter at a time before"
 )
+COMPARED_DOFS = Limit(
+    20_000,
+    "modes of the full structure that no basis holds are computed for comparisons up to {value:,} DOFs",
+)
 BASIS_BAND = Default(5.0, "basis", "a basis keeps all modes below {value:g} times the band of interest")
 RESIDUALS: Default[Literal["auto"]] = Default(
     "auto", "residuals", "residual vectors ({value}) go with modes with joints, if the excitation has a band"

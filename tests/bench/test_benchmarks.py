@@ -63,6 +63,8 @@ SMALL = {
     "structure-response": (3, 1e-8),
     "frf-joints": (60, 0.1),
     "plate-process": (400, 1e-10),
+    "craig-bampton": (400, 0.1),
+    "many-modes-process": (400, 1e-10),
     "startup": (1, 0),
     "study": (2, 1e-15),
     "study-of-reductions": (2, 1e-11),
@@ -103,6 +105,8 @@ REPEATED = (
     ("frequency-response-on-loops", "in-order"),
     ("frequency-response-on-loops", "sparse-nodal"),
     ("plate-process", "script"),
+    ("craig-bampton", "script"),
+    ("many-modes-process", "script"),
     ("basis", "below-2-bands"),
 )
 

@@ -7,6 +7,8 @@ from scipy.linalg import eigh
 import dynid
 from dynid.checks import compare
 from dynid.cli import main
+from dynid.defaults import Limit
+from dynid.report.content.reduction import remarks
 from tests.scene.example_scenes import REDUCTIONS, check, faults_of
 from tests.structure.systems import FE
 
@@ -236,3 +238,25 @@ inputs: [7]
 outputs: [{dofs: [3, 5], quantity: displacement}]
 """
     assert list(dynid.run(check(text))["reduction/guyan/masters"].data) == [7, 3, 5]
+
+
+def test_modes_of_the_full_structure_are_computed_where_a_basis_has_them_or_they_are_asked_for(monkeypatch):
+    def comparisons(text):
+        result = dynid.run(check(text))
+        names = result["reduction/method"].data
+        assert all(f"reduction/{name}/frequencies" in result for name in names)
+        lacking = [name for name in names if f"reduction/{name}/frequency_error" not in result]
+        assert lacking == [name for name in names if f"reduction/{name}/reference" not in result]
+        return set(names) - set(lacking), result
+
+    every = set(dynid.run(check(REDUCTIONS))["reduction/method"].data)
+    retaining, result = comparisons(f"{REDUCTIONS}compare: false\n")
+    assert retaining
+    assert not retaining & {"guyan", "irs", "dynamic", "craig-bampton"}
+    said = [statement for statement in remarks(result) if "not compared with modes" in str(statement)]
+    assert len(said) == len(every - retaining)
+    monkeypatch.setattr("dynid.scene.kinds.reduction.COMPARED_DOFS", Limit(2, ""))
+    assert comparisons(REDUCTIONS)[0] == retaining
+    assert comparisons(f"{REDUCTIONS}compare: true\n")[0] == every
+    named = f"{REDUCTIONS}expect: [{{path: reduction/guyan/mac, min: -1}}]\n"
+    assert comparisons(named)[0] == every

@@ -131,6 +131,8 @@ BENCHMARKS = {
     "structure-response": _CatalogueEntry("structure_response", 3),
     "frf-joints": _CatalogueEntry("structure_response:JOINTS", 5),
     "plate-process": _CatalogueEntry("startup:PLATE", 0),  # minutes at the size that matters
+    "craig-bampton": _CatalogueEntry("startup:CRAIG_BAMPTON", 0),
+    "many-modes-process": _CatalogueEntry("startup:MANY_MODES", 0),
     "startup": _CatalogueEntry("startup", 17),
     "study": _CatalogueEntry("study", 15),
     "study-of-reductions": _CatalogueEntry("study:REDUCTIONS", 0),

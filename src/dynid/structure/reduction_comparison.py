@@ -35,6 +35,11 @@ ARRAYS = (
 )  # fmt: skip
 """The names of the arrays of a method in the result of `compare`, axes apart."""
 
+COMPARISONS = frozenset({
+    "reference", "reference_uncertainty", "frequency_error", "mac", "orthogonality", "energy_error",
+})  # fmt: skip
+"""Those of them that need modes of the full structure."""
+
 
 class RequestedResponses(NamedTuple):
     """Frequency responses to compare: force DOFs, read-outs, and angular frequencies, rad/s."""
@@ -60,6 +65,7 @@ def compare(
     responses: RequestedResponses | None = None,
     parts: Mapping[str, Sequence[Label]] | None = None,
     result: Result | None = None,
+    references: bool = True,
 ) -> Result:
     """Reduce a structure by several methods and compare each with the full one, joints included.
 
@@ -69,7 +75,9 @@ def compare(
     `model`: the full structure; all joints are known; `methods`: the methods by the names they shall have in
     the result; `responses`: the frequency responses to compare; default: none; `parts`: substructures by
     name, whose shares of the energy are compared; `result`: the result to add to; methods and responses that
-    it does not want are left out. Default: a new one. Raises UsageError, Singular as of the methods.
+    it does not want are left out. Default: a new one; `references`: False to compare only methods whose
+    basis retains modes of the structure with its joints, for which no others need to be computed. Raises
+    UsageError, Singular as of the methods.
 
     Returns
     -------
@@ -97,15 +105,19 @@ def compare(
                 candidates[name] = candidate(model, method, memory)
         if not candidates:
             return result
-        highest = max(max(evaluated.numbers, default=0) for evaluated in candidates.values())
-        report_progress("modes of the full structure")
-        with measured(memory) as cost:
-            full = modes(*model.with_joints(), count=highest)
-    result.annotate("reduction", solver=full.method, **cost.attributes())
-    if full.doubt:
-        result.annotate("reduction", doubt=full.doubt)
+        compared = {
+            name for name, evaluated in candidates.items() if references or evaluated.reduction.retained
+        }
+        full: Modes | None = None
+        if compared:
+            highest = max(max(candidates[name].numbers, default=0) for name in compared)
+            report_progress("modes of the full structure")
+            with measured(memory) as cost:
+                full = modes(*model.with_joints(), count=highest)
+            doubt = {"doubt": full.doubt} if full.doubt else {}
+            result.annotate("reduction", solver=full.method, **cost.attributes(), **doubt)
     for name, evaluated in candidates.items():
-        _add(result, f"reduction/{name}", model, evaluated, full, parts)
+        _add(result, f"reduction/{name}", model, evaluated, full if name in compared else None, parts)
     if responses is not None:
         report_progress("frequency responses")
         _add_responses(result, model, candidates, responses)
@@ -129,10 +141,10 @@ def _add(
     group: str,
     model: StructuralModel,
     evaluated: Candidate,
-    full: Modes,
+    full: Modes | None,
     parts: Mapping[str, Sequence[Label]] | None,
 ) -> None:
-    """Add a reduced structure, its modes, and how well they agree with those of the full one."""
+    """Add a reduced structure, its modes, and how well they agree with those of the full one, if known."""
     reduced = evaluated.reduction.model
     coordinates = [str(label) for label in reduced.dofs]
     result.annotate(group, rule=evaluated.reduction.rule, **evaluated.cost.attributes())
@@ -154,18 +166,19 @@ def _add(
     if evaluated.reduction.condition is not None:
         result.add(f"{group}/condition", evaluated.reduction.condition)
     places = np.array(evaluated.numbers, dtype=np.int64) - 1
+    uncertainty = evaluated.modes.uncertainty
+    result.add_axis(f"{group}/mode", places + 1)
+    result.add_all(
+        group, ("mode",), "rad/s", frequencies=evaluated.modes.omega, frequency_uncertainty=uncertainty
+    )
+    if full is None:
+        return
     reference, M = full.omega[places], model.with_joints()[0]
     shapes = reduced.expand(evaluated.modes.shapes)
     target = correlation.counterparts(shapes, places, full.shapes, full.omega, M)
-    result.add_axes(group, mode=places + 1, full_mode=places + 1)
+    result.add_axis(f"{group}/full_mode", places + 1)
     result.add_all(
-        group,
-        ("mode",),
-        "rad/s",
-        frequencies=evaluated.modes.omega,
-        frequency_uncertainty=evaluated.modes.uncertainty,
-        reference=reference,
-        reference_uncertainty=full.uncertainty[places],
+        group, ("mode",), "rad/s", reference=reference, reference_uncertainty=full.uncertainty[places]
     )
     error = correlation.frequency_error(evaluated.modes.omega, reference)
     result.add(f"{group}/frequency_error", error, ("mode",))

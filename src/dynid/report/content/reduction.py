@@ -35,18 +35,21 @@ def _method_table(result: Result) -> TextTable:
     """Return the table of the methods: natural frequencies with the joints, errors and costs."""
     reference, common, unit = _reference(result), _common(result), frequency_unit(result)
     elastic = [number for number in sorted(reference) if reference[number]]
-    shown = (elastic or sorted(reference))[:_FREQUENCIES]
+    shown = (elastic or sorted(reference) or sorted(common))[:_FREQUENCIES]
     with_frac = "reduction/frf/frac" in result
     frequencies = (f"{unit.symbol}{number}" for number in shown)
     columns = ["", "size", *frequencies, "worst error", "least MAC", *(["least FRAC"] if with_frac else [])]
-    full = ["full", str(len(result["reduction/dof"].data)), *(_frequency(reference[k], unit) for k in shown)]
+    known = (_frequency(reference[k], unit) if k in reference else "" for k in shown)
+    full = ["full", str(len(result["reduction/dof"].data)), *known]
     rows = [(*full, *[""] * (5 + with_frac))]
     for index, name in enumerate(_names(result)):
         modes = _of(result, name, "mode")
         frequency_of = dict(zip(modes.tolist(), _of(result, name, "frequencies"), strict=True))
         compared = np.isin(modes, sorted(common))
-        error = np.abs(_of(result, name, "frequency_error"))[compared]
-        agreement = np.diagonal(_of(result, name, "mac"))[compared]
+        if f"reduction/{name}/mac" not in result:
+            compared[:] = False
+        error = np.abs(_of(result, name, "frequency_error"))[compared] if compared.any() else ()
+        agreement = np.diagonal(_of(result, name, "mac"))[compared] if compared.any() else ()
         frac = [f"{result['reduction/frf/frac'].data[index].min():.3f}"] if with_frac else []
         attrs, conditioning = result.group_attrs.get(f"reduction/{name}", {}), ""
         if (condition := result.get(f"reduction/{name}/condition")) is not None:
@@ -79,6 +82,7 @@ def _reference(result: Result) -> dict[int, float]:
     return {
         int(number): float(omega)
         for name in _names(result)
+        if f"reduction/{name}/reference" in result
         for number, omega in zip(_of(result, name, "mode"), _of(result, name, "reference"), strict=True)
     }
 
@@ -98,6 +102,9 @@ def remarks(result: Result) -> Iterator[Statement]:
     if rigid:
         yield Statement(f"{_span(rigid)}: of the rigid body, {unit.symbol} = 0")
     for name in _names(result):
+        if f"reduction/{name}/reference" not in result:
+            said = "not compared with modes of the full structure, which are not computed (compare: true)"
+            yield Statement(said, head=f"{name}:")
         masters, coordinates = (_of(result, name, array) for array in ("masters", "coordinate"))
         residuals = sum(str(coordinate).startswith("residual_") for coordinate in coordinates)
         if residuals:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from dynid import progress
-from dynid.defaults import DENSE_MODES, FEW_MODES, RESIDUALS
+from dynid.defaults import COMPARED_DOFS, DENSE_MODES, FEW_MODES, RESIDUALS
 from dynid.errors import NumericalError, UsageError
 from dynid.model_scope import wants_scope
 from dynid.number_format import counted
@@ -44,7 +44,7 @@ from dynid.structure.reduction.mode_selection import Interest, ModeRange
 from dynid.structure.reduction.reduced_model import StructuralReduction
 from dynid.structure.reduction.reduced_model import StructuralReduction as Reduced
 from dynid.structure.reduction.serep import JointAware
-from dynid.structure.reduction_comparison import RequestedResponses, compare
+from dynid.structure.reduction_comparison import COMPARISONS, RequestedResponses, compare
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:
@@ -169,6 +169,7 @@ def run(scene: Scene[ReductionScene], sample: Result | None = None) -> Result:
         responses=responses_of(model, structure),
         parts=model.substructures,
         result=result,
+        references=_references(model, structure, sample),
     )
     if narrow:
         return result
@@ -177,6 +178,17 @@ def run(scene: Scene[ReductionScene], sample: Result | None = None) -> Result:
     methods = (reduction.method for reduction in model.reduction)
     add_reduction_scope(result, model, dict(zip(names, methods, strict=True)))
     return result
+
+
+def _references(model: ReductionScene, structure: StructuralModel, sample: Result | None) -> bool:
+    """Return True if modes of the full structure are to be computed although no basis is made of them."""
+    if model.compare is not None:
+        return model.compare
+    named = any(expectation.path.rpartition("/")[2] in COMPARISONS for expectation in model.expect)
+    wanted = sample is not None and any(
+        sample.wants(f"reduction/{name}/{array}") for name in methods_of(model) for array in COMPARISONS
+    )
+    return structure.size <= COMPARED_DOFS.value or named or wanted
 
 
 def preparation_steps(scene: Scene[ReductionScene]) -> Iterator[PreparationStep]:

@@ -104,12 +104,14 @@ def add_reduction_scope(result: Result, model: ReductionScene, methods: Mapping[
         parts += _of_reduction(f" of {name}", method, coordinates, n, modes, rule)
     other_methods = [name for name in ASPECTS["reduction"]["basis"] if name != "full"]
     parts.append(divided("methods", other_methods, methods.values(), _NOT_REQUESTED))
-    dense = str(result.group_attrs["reduction"]["solver"]).startswith(_SOLVERS[0])
-    solver = _SOLVERS[0 if dense else 1]
+    full_solver = str(result.group_attrs.get("reduction", {}).get("solver", ""))
+    solver = _SOLVERS[0 if full_solver.startswith(_SOLVERS[0]) else 1]
     parts.append(divided("engines", _SOLVERS, [solver], "the solver of the modes is chosen by size"))
     responses = ["frequency_response"] if model.frequency is not None else []
     others = ["modes", "frequency_response"]
-    parts.append(divided("results", others, ["modes", *responses], _NOT_REQUESTED))
+    compared = ["modes"] if full_solver else []
+    why = _NOT_REQUESTED if full_solver else f"{_NOT_REQUESTED} (compare: true)"
+    parts.append(divided("results", others, [*compared, *responses], why))
     add_model_scope(result, "reduction", parts)
 
 

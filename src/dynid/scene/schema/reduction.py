@@ -198,6 +198,7 @@ class ReductionScene(SceneModel):
     inputs: _SignedDofList | None = None
     outputs: Annotated[list[OutputModel], Field(min_length=1), once("this output")] | None = None
     substructures: dict[str, _DofList] = {}
+    compare: bool | None = None
 
     @model_validator(mode="after")
     def _responses_have_frequencies(self) -> Self:

@@ -185,7 +185,7 @@ class StrainEnergy:
         return out
 
     def _forces(self, X: Array) -> tuple[Array, Array]:
-        """Return ``K X`` (n x c) and its rounding error, in the order of `_rows` where NumPy computes them."""
+        """Return ``K X`` (n x c) and its rounding error, in the order of `_rows` by NumPy."""
         force, lost = np.zeros(X.shape, order="F"), np.zeros(X.shape, order="F")
         if self._compiled:
             matrix = len(X), self._starts, self._columns, self._entries
