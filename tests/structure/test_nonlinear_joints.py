@@ -11,6 +11,9 @@ from dynid.lti.generator import RecordTimes
 from dynid.lti.signals import signal
 from dynid.lti.time_response import timeline
 from dynid.native import compiled
+from dynid.structure.assembly import Support
+from dynid.structure.damping import ProportionalDamping
+from dynid.structure.frame import beam
 from dynid.structure.joint_laws import (
     BoucWen,
     BoundLaw,
@@ -197,6 +200,29 @@ def test_laws_that_stay_in_one_regime_are_linear_joints(law, stiffness):
     linear = structure(k=1000.0 + stiffness)
     expected = time_response(linear, loads, channels, times)["structure/time_response/response"].data
     assert got == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("law", "stiffness"),
+    [(known(Cubic(), 0.0), 0.0), (known(Jenkins(), 2e4, 1e9), 2e4), (known(BoucWen(), 2e4, 0.0, 0.0), 2e4)],
+    ids=lambda value: value.law.kind if hasattr(value, "law") else "",
+)
+def test_on_a_stiff_beam_linear_laws_are_linear_joints_to_round_off(law, stiffness):
+    """Its fastest mode turns by 235 rad a sample: accelerations show what is not exact of the loads."""
+    clamped = [Support(1, ("w", "theta"))]
+    fine = beam(10, 0.1, 500.0, 3.0, supports=clamped, damping=ProportionalDamping(0.5, 1e-7))
+    tip, times = fine.dofs[-2], np.arange(100) * 3.04e-5
+    sines = {"amplitude": [20.0, 15, 10], "frequency": [3631.0, 5901, 25602], "phase": [0.0, 1, 2]}
+    loads = [Load(tip, signal("multisine", sines, RecordTimes(3.04e-5, 100)))]
+    channels = [Channel(tip, quantity) for quantity in ("displacement", "velocity", "acceleration")]
+
+    def response(*joints):
+        result = time_response(fine.joined(joints), loads, channels, times)
+        return result["structure/time_response/response"].data
+
+    got = response(Joint("bolt", (tip,), 5e3, laws=(law,)))
+    expected = response(Joint("bolt", (tip,), 5e3 + stiffness))
+    assert np.all(np.abs(got - expected).max(axis=0) <= 1e-9 * np.abs(expected).max(axis=0))
 
 
 def test_linear_analyses_use_the_tangent_at_rest():

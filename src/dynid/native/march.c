@@ -33,18 +33,21 @@ typedef struct {
   const int64_t *codes, *places;            /* nl */
   const double *options, *values, *offsets, *statics; /* nl x OPTIONS, nl x 3, nl, nl x 5 */
   const double *by_laws, *by_rows, *by_loads, *by_forces;
-  const double *h, *coefficients, *nodes, *basis, *integrals, *scan, *scan_basis, *load_basis, *legendre, *jump, *jump_work;
+  const double *h, *fades, *coefficients, *nodes, *basis, *integrals, *scan, *scan_basis, *load_basis, *load_points, *load_inverse, *load_powers, *legendre, *two_steps, *jump, *jump_work;
   const int64_t *which, *sample;
-  /* Of each regime: folded stiffness and damping (nf); of each length tables, whose last axis is that of the forces at
-   * all nodes, then of the loads there, then of further forces; modes (complex). */
-  const double *k, *c, *P, *Q, *TR, *TI, *lam, *V, *iV, *iVD, *RV;
+  /* Of each regime: folded stiffness and damping (nf); of each length tables, whose last axis (`wide`) is that of the
+   * forces at all nodes, then of the loads' coefficients, then of further forces at all nodes; modes (complex). */
+  const double *k, *c, *P, *Q, *TR, *beyond, *TI, *lam, *V, *iV, *iVD, *RV;
   const int64_t *diagonal;
   /* The state, with which a march goes on. */
-  double *x, *z, *S, *T, *work, *done, *wanted; /* work: on the laws (nf), of loads, on dampers; sum of local errors of the state */
+  double *x, *z, *S, *T, *work, *done, *wanted; /* work: on the laws (nf), of loads, on dampers; error of the state, its largest */
   int64_t *state, *at; /* regimes of the laws; step, events, steps taken, jumped */
   double *states, *hidden, *forces, *works, *slopes, *force_slopes, *hidden_slopes;
   int64_t *regime_of;
 } March;
+
+INLINE int64_t further_at(const March *t) { return NODES * t->nf + LOADS * t->nu; }
+INLINE int64_t wide(const March *t) { return NODES * (t->nd - t->nu) + LOADS * t->nu; }
 
 typedef struct {
   double f, d, v, z, rate, rd, rv, rz, p[SLOPES], rp[SLOPES];
@@ -58,13 +61,13 @@ typedef struct {
 /* A step in room that is used again: nodes x … as in the march of NumPy. */
 typedef struct {
   double h, *P, *Q, *TR, *TI; /* tables; of a part of a step TI alone, and its modes: */
-  double complex *E, *weights, *y0, *y; /* INNER x m, INNER x NODES x m, m, INNER x m */
+  double complex *E, *weights, *begun, *y; /* INNER x m, INNER x NODES x m; without forces, and with: INNER x m */
   double *Y; /* of slopes: real and imaginary parts at the beginning, and at the end (4 x m x q) */
-  double *u, *w, *z, *g, *linear, *J, *right, *moved;
+  double *u, *powers, *w, *z, *g, *linear, *J, *right, *moved;
   Force *law; /* NODES x nl */
   double *f, *fd, *fv; /* NODES x nf: total force and slopes */
   int64_t *pivots, *dynamic, count;
-  double *own_TI, *next, *norms; /* of the directions of forces and loads */
+  double *own_TI, *next, *norms, *before, before_h; /* norms of the loads' directions; forces of the step before */
   double *W, *further, *direct, *G, *Z;
   int64_t regime;
   int partial;
@@ -125,15 +128,15 @@ INLINE void force(const March *t, int64_t l, int64_t r, double d, double v, doub
       o->f = p[0] * (d - z), o->d = p[0], o->z = -p[0], o->p[0] = d - z;
     }
   } else if (code == 3) {
-    o->f = p[0] * z, o->z = p[0], o->p[0] = z;
-    const double sign = r & 2 ? -1.0 : 1.0, exponent = opt[0];
-    double base = sign * z;
+    const double e = d - z, sign = r & 2 ? -1.0 : 1.0, exponent = opt[0];
+    o->f = p[0] * e, o->d = p[0], o->z = -p[0], o->p[0] = e;
+    double base = sign * e;
     if (base < 0.0 && !whole(exponent)) base = 0.0;
-    const double raised = power(base, exponent), slope = sign * exponent * power(base, exponent - 1.0);
     const int loading = r == 0 || r == 3;
-    const double change = loading ? -p[1] : p[2];
-    o->rate = v * (1.0 + change * raised), o->rv = 1.0 + change * raised, o->rz = v * change * slope;
-    o->rp[loading ? 1 : 2] = loading ? -v * raised : v * raised;
+    const double change = loading ? p[1] : -p[2], raised = power(base, exponent);
+    o->rate = v * change * raised, o->rv = change * raised;
+    o->rd = v * change * sign * exponent * power(base, exponent - 1.0), o->rz = -o->rd;
+    o->rp[loading ? 1 : 2] = loading ? v * raised : -v * raised;
   } else if (code == 4 && r) {
     const double e = d - r * p[1];
     o->f = p[0] * e + p[2] * v, o->d = p[0], o->v = p[2];
@@ -172,9 +175,9 @@ INLINE int guards(const March *t, int64_t l, int64_t r, double d, double v, doub
       o->p[0] = -s * (d - z), o->p[1] = 1.0;
     }
   } else if (t->codes[l] == 3) {
-    const double of_v = r & 1 ? -1.0 : 1.0, of_z = r & 2 ? -1.0 : 1.0;
+    const double of_v = r & 1 ? -1.0 : 1.0, of_e = r & 2 ? -1.0 : 1.0;
     g[0].value = of_v * v, g[0].v = of_v, g[0].following = r ^ 1;
-    g[1].value = of_z * z, g[1].z = of_z, g[1].following = r ^ 2;
+    g[1].value = of_e * (d - z), g[1].d = of_e, g[1].z = -of_e, g[1].following = r ^ 2;
     return 2;
   } else if (t->codes[l] == 4) {
     d += t->offsets[l];
@@ -228,6 +231,8 @@ INLINE double complex complex_of(double re, double im) {
   __real__ z = re, __imag__ z = im;
   return z;
 }
+static const double factorial[] = {1.0, 1.0, 2.0, 6.0, 24.0, 120.0, 720.0, 5040.0, 40320.0, 362880.0};
+
 INLINE double complex times(double complex a, double complex b) {
   return complex_of(creal(a) * creal(b) - cimag(a) * cimag(b), creal(a) * cimag(b) + cimag(a) * creal(b));
 }
@@ -246,83 +251,20 @@ INLINE double scalar(int64_t n, const double *a, const double *b) {
 }
 
 INLINE void phi_functions(double complex z, double complex *out) {
-  static const double factorial[] = {1.0, 1.0, 2.0, 6.0, 24.0, 120.0};
-  static const double reciprocal[] = {1.0 / 5,  1.0 / 6,  1.0 / 7,  1.0 / 8,  1.0 / 9,  1.0 / 10, 1.0 / 11,
-                                      1.0 / 12, 1.0 / 13, 1.0 / 14, 1.0 / 15, 1.0 / 16, 1.0 / 17, 1.0 / 18,
-                                      1.0 / 19, 1.0 / 20, 1.0 / 21, 1.0 / 22, 1.0 / 23, 1.0 / 24};
   out[0] = cexp(z);
   const double size = creal(z) * creal(z) + cimag(z) * cimag(z);
-  if (size > 1.0) {
+  if (size > 16.0) {
     const double complex inverse = complex_of(creal(z) / size, -cimag(z) / size);
-    for (int k = 0; k < NODES; k++) out[k + 1] = times(out[k] - 1.0 / factorial[k], inverse);
+    for (int k = 0; k < LOADS; k++) out[k + 1] = times(out[k] - 1.0 / factorial[k], inverse);
     return;
   }
-  double complex term = 1.0 / factorial[NODES], last = term;
-  for (int k = 1; k < 20; k++) {
-    term = times(term, z) * reciprocal[k];
+  double complex term = 1.0 / factorial[LOADS], last = term;
+  for (int k = 1; k < 30; k++) {
+    term = times(term, z) / (LOADS + k);
     last += term;
   }
-  out[NODES] = last;
-  for (int k = NODES - 1; k > 0; k--) out[k] = times(z, out[k + 1]) + 1.0 / factorial[k];
-}
-
-/* Point the step at the tables of a regular step, or make what a part of one needs by the modes. */
-static int tables(const March *t, Step *o, int64_t regime, int64_t length, double h, int regular) {
-  const int64_t n = t->n, nf = t->nf, nd = t->nd, nr = t->nr, ns = t->ns, m = t->m, at = regime * t->lengths + length;
-  const int64_t groups[] = {0, nf, nf + t->nu, nd};
-  o->regime = regime;
-  o->h = h;
-  o->partial = !regular;
-  if (regular) {
-    o->P = (double *)t->P + at * n * n, o->Q = (double *)t->Q + at * n * NODES * nd;
-    o->TR = (double *)t->TR + at * INNER * nr * n, o->TI = (double *)t->TI + at * INNER * nr * NODES * nd;
-    return DONE;
-  }
-  if (!t->diagonal[regime]) return NOT_DIAGONAL;
-  o->TI = o->own_TI;
-  const double complex *lam = (const double complex *)t->lam + regime * m;
-  const double complex *iV = (const double complex *)t->iV + regime * m * n;
-  const double complex *iVD = (const double complex *)t->iVD + regime * m * nd;
-  const double complex *RV = (const double complex *)t->RV + regime * nr * m;
-  static const double factorial[] = {1.0, 1.0, 2.0, 6.0, 24.0};
-  for (int64_t i = 0; i < m; i++) {
-    const double *right = (const double *)(iV + i * n);
-    double re = 0.0, im = 0.0;
-    for (int64_t s = 0; s < n; s++) re += right[2 * s] * t->x[s], im += right[2 * s + 1] * t->x[s];
-    o->y0[i] = complex_of(re, im);
-  }
-  for (int e = 0; e < INNER; e++) {
-    const double c = t->nodes[e + 1];
-    double complex *weights = o->weights + e * NODES * m;
-    double by[NODES][NODES], raised = h * c;
-    for (int k = 0; k < NODES; k++, raised *= c)
-      for (int j = 0; j < NODES; j++) by[j][k] = t->basis[j * NODES + k] * factorial[k] * raised;
-    for (int64_t i = 0; i < m; i++) {
-      double complex phi[NODES + 1];
-      phi_functions(lam[i] * (h * c), phi);
-      o->E[e * m + i] = phi[0];
-      for (int j = 0; j < NODES; j++) {
-        double re = 0.0, im = 0.0;
-        for (int k = 0; k < NODES; k++) re += by[j][k] * creal(phi[k + 1]), im += by[j][k] * cimag(phi[k + 1]);
-        weights[j * m + i] = complex_of(re, im);
-      }
-    }
-    for (int64_t r = 0; r < ns; r++) {
-      double *to_force = o->TI + (e * nr + r) * NODES * nd;
-      for (int group = 0; group < 3; group++) {
-        const int64_t first = groups[group], count = groups[group + 1] - first;
-        for (int j = 0; j < NODES; j++, to_force += count) {
-          memset(to_force, 0, count * sizeof(double));
-          for (int64_t i = 0; i < m && count; i++) {
-            const double complex b = times(RV[r * m + i], weights[j * m + i]);
-            const double *right = (const double *)(iVD + i * nd + first);
-            for (int64_t s = 0; s < count; s++) to_force[s] += creal(b) * right[2 * s] - cimag(b) * right[2 * s + 1];
-          }
-        }
-      }
-    }
-  }
-  return DONE;
+  out[LOADS] = last;
+  for (int k = LOADS - 1; k > 0; k--) out[k] = times(z, out[k + 1]) + 1.0 / factorial[k];
 }
 
 /* Loads at parts of a regular step, by Clenshaw's recurrence. */
@@ -336,6 +278,101 @@ INLINE void loads_at(const March *t, int64_t step, double theta, double *u) {
     }
     u[k] = x * b1 - b2 + a[k];
   }
+}
+
+/* Fill the loads at the nodes of a part of a regular step, and of a part their powers of time. */
+static void loads_over(const March *t, Step *o, int64_t step, double begin, double part) {
+  const int64_t nu = t->nu;
+  if (part < 1.0) {
+    for (int e = 0; e < NODES; e++) loads_at(t, step, begin + part * t->nodes[e], o->u + e * nu);
+    /* By Chebyshev's polynomials: powers from values would lose five digits. */
+    double *at = o->powers + LOADS * nu, *series = at + nu;
+    memset(o->powers, 0, LOADS * nu * sizeof(double)), memset(series, 0, LOADS * nu * sizeof(double));
+    for (int i = 0; i < LOADS; i++) {
+      loads_at(t, step, begin + part * t->load_points[i], at);
+      for (int k = 0; k < LOADS; k++)
+        for (int64_t j = 0; j < nu; j++) series[k * nu + j] += t->load_inverse[k * LOADS + i] * at[j];
+    }
+    for (int i = 0; i < LOADS; i++)
+      for (int k = 0; k <= i; k++)
+        for (int64_t j = 0; j < nu; j++) o->powers[k * nu + j] += t->load_powers[i * LOADS + k] * series[i * nu + j];
+    return;
+  }
+  memset(o->u, 0, NODES * nu * sizeof(double));
+  for (int e = 0; e < NODES; e++)
+    for (int i = 0; i < LOADS; i++)
+      for (int64_t j = 0; j < nu; j++)
+        o->u[e * nu + j] += t->load_basis[e * LOADS + i] * t->coefficients[(step * LOADS + i) * nu + j];
+}
+
+/* Point the step at the tables of a regular step, or make what a part of one needs by the modes. */
+static int tables(const March *t, Step *o, int64_t regime, int64_t step, double begin, double part) {
+  const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, nr = t->nr, ns = t->ns, m = t->m, width = wide(t);
+  const int64_t length = t->which[step], at = regime * t->lengths + length;
+  const double h = t->h[length] * part;
+  o->regime = regime;
+  o->h = h;
+  o->partial = part < 1.0;
+  if (o->partial && !t->diagonal[regime]) return NOT_DIAGONAL;
+  loads_over(t, o, step, begin, part);
+  if (!o->partial) {
+    o->P = (double *)t->P + at * n * n, o->Q = (double *)t->Q + at * n * width;
+    o->TR = (double *)t->TR + at * INNER * nr * n, o->TI = (double *)t->TI + at * INNER * nr * width;
+    return DONE;
+  }
+  o->TI = o->own_TI;
+  const double complex *lam = (const double complex *)t->lam + regime * m;
+  const double complex *iV = (const double complex *)t->iV + regime * m * n;
+  const double complex *iVD = (const double complex *)t->iVD + regime * m * nd;
+  const double complex *RV = (const double complex *)t->RV + regime * nr * m;
+  for (int64_t i = 0; i < m; i++) {
+    const double *right = (const double *)(iV + i * n);
+    double re = 0.0, im = 0.0;
+    for (int64_t s = 0; s < n; s++) re += right[2 * s] * t->x[s], im += right[2 * s + 1] * t->x[s];
+    o->y[i] = complex_of(re, im);
+  }
+  for (int e = 0; e < INNER; e++) {
+    const double c = t->nodes[e + 1];
+    double complex *weights = o->weights + e * NODES * m;
+    double by[NODES][NODES], scale[LOADS], raised = h * c;
+    for (int k = 0; k < LOADS; k++, raised *= c) scale[k] = factorial[k] * raised;
+    for (int j = 0; j < NODES; j++)
+      for (int k = 0; k < NODES; k++) by[j][k] = t->basis[j * NODES + k] * scale[k];
+    for (int64_t i = 0; i < m; i++) {
+      double complex phi[LOADS + 1];
+      phi_functions(lam[i] * (h * c), phi);
+      o->E[e * m + i] = phi[0];
+      for (int j = 0; j < NODES; j++) {
+        double re = 0.0, im = 0.0;
+        for (int k = 0; k < NODES; k++) re += by[j][k] * creal(phi[k + 1]), im += by[j][k] * cimag(phi[k + 1]);
+        weights[j * m + i] = complex_of(re, im);
+      }
+      double complex sum = times(phi[0], o->y[i]);
+      for (int64_t j = 0; j < nu; j++) {
+        double re = 0.0, im = 0.0;
+        for (int k = 0; k < LOADS; k++) {
+          const double power = scale[k] * o->powers[k * nu + j];
+          re += power * creal(phi[k + 1]), im += power * cimag(phi[k + 1]);
+        }
+        sum += times(complex_of(re, im), iVD[i * nd + nf + j]);
+      }
+      o->begun[e * m + i] = sum;
+    }
+    for (int64_t r = 0; r < ns; r++)
+      for (int group = 0; group < 2; group++) { /* to joint forces, and to further ones */
+        const int64_t first = group ? nf + nu : 0, count = group ? nd - nf - nu : nf;
+        double *to_force = o->TI + (e * nr + r) * width + (group ? further_at(t) : 0);
+        for (int j = 0; j < NODES; j++, to_force += count) {
+          memset(to_force, 0, count * sizeof(double));
+          for (int64_t i = 0; i < m && count; i++) {
+            const double complex b = times(RV[r * m + i], weights[j * m + i]);
+            const double *right = (const double *)(iVD + i * nd + first);
+            for (int64_t s = 0; s < count; s++) to_force[s] += creal(b) * right[2 * s] - cimag(b) * right[2 * s + 1];
+          }
+        }
+      }
+  }
+  return DONE;
 }
 
 /* Evaluate the laws at a node. */
@@ -394,7 +431,7 @@ static void solve(int64_t n, const double *A, const int64_t *pivots, int64_t col
 
 /* Fill the matrix of Newton's iteration; unknowns: forces at nodes 1 … 4, then hidden states there. */
 static void jacobian(const March *t, Step *o) {
-  const int64_t nf = t->nf, nd = t->nd, nr = t->nr, nl = t->nl, nz = o->count, size = INNER * (nf + nz);
+  const int64_t nf = t->nf, nr = t->nr, nl = t->nl, nz = o->count, size = INNER * (nf + nz), width = wide(t);
   const double *k = t->k + o->regime * nf, *c = t->c + o->regime * nf;
   double *J = o->J;
   memset(J, 0, size * size * sizeof(double));
@@ -403,7 +440,7 @@ static void jacobian(const March *t, Step *o) {
     for (int64_t row = 0; row < nf; row++) {
       double *line = J + ((e - 1) * nf + row) * size;
       const double by_d = o->fd[e * nf + row] - k[row], by_v = o->fv[e * nf + row] - c[row];
-      const double *d = o->TI + ((e - 1) * nr + row) * NODES * nd, *v = o->TI + ((e - 1) * nr + nf + row) * NODES * nd;
+      const double *d = o->TI + ((e - 1) * nr + row) * width, *v = o->TI + ((e - 1) * nr + nf + row) * width;
       for (int64_t j = 0; j < INNER * nf; j++) line[j] -= by_d * d[nf + j] + by_v * v[nf + j];
     }
   for (int64_t i = 0; i < nz; i++) {
@@ -414,7 +451,7 @@ static void jacobian(const March *t, Step *o) {
       for (int64_t j = 1; j < NODES; j++) {
         const Force *law = o->law + j * nl + l;
         const double a = t->integrals[e * NODES + j] * o->h;
-        const double *d = o->TI + ((j - 1) * nr + row) * NODES * nd, *v = o->TI + ((j - 1) * nr + nf + row) * NODES * nd;
+        const double *d = o->TI + ((j - 1) * nr + row) * width, *v = o->TI + ((j - 1) * nr + nf + row) * width;
         for (int64_t m = 0; m < INNER * nf; m++) line[m] -= a * (law->rd * d[nf + m] + law->rv * v[nf + m]);
         line[INNER * nf + (j - 1) * nz + i] -= a * law->rz;
       }
@@ -423,30 +460,23 @@ static void jacobian(const March *t, Step *o) {
 }
 
 INLINE void fill_rows(const March *t, Step *o) {
-  const int64_t count = NODES * t->nf;
+  const int64_t count = NODES * t->nf, width = wide(t);
   for (int64_t e = 1; e < NODES; e++)
     for (int64_t r = 0; r < t->ns; r++)
       o->w[e * t->nr + r] =
-          o->linear[(e - 1) * t->nr + r] + scalar(count, o->TI + ((e - 1) * t->nr + r) * NODES * t->nd, o->g);
+          o->linear[(e - 1) * t->nr + r] + scalar(count, o->TI + ((e - 1) * t->nr + r) * width, o->g);
 }
 
-/* Solve for the joint forces at the nodes, with loads from a part of a regular step on. */
-static int solved(const March *t, Step *o, int64_t step, double begin, double part) {
-  const int64_t n = t->n, nf = t->nf, nu = t->nu, nr = t->nr, ns = t->ns, nl = t->nl, nd = t->nd, m = t->m;
+/* Solve for the joint forces at the nodes of a part of a regular step. */
+static int solved(const March *t, Step *o, int64_t regime, int64_t step, double begin, double part) {
+  const int status = tables(t, o, regime, step, begin, part);
+  if (status) return status;
+  const int64_t n = t->n, nf = t->nf, nu = t->nu, nr = t->nr, ns = t->ns, nl = t->nl, m = t->m, width = wide(t);
   const double *k = t->k + o->regime * nf, *c = t->c + o->regime * nf;
   const double complex *RV = (const double complex *)t->RV + o->regime * nr * m;
   o->count = 0;
   for (int64_t l = 0; l < nl; l++)
     if (t->codes[l] == 3) o->dynamic[o->count++] = l;
-  if (part == 1.0) { /* a whole step: the polynomials of the loads at the nodes are tabulated */
-    memset(o->u, 0, NODES * nu * sizeof(double));
-    for (int e = 0; e < NODES; e++)
-      for (int i = 0; i < LOADS; i++)
-        for (int64_t j = 0; j < nu; j++)
-          o->u[e * nu + j] += t->load_basis[e * LOADS + i] * t->coefficients[(step * LOADS + i) * nu + j];
-  } else {
-    for (int64_t e = 0; e < NODES; e++) loads_at(t, step, begin + part * t->nodes[e], o->u + e * nu);
-  }
   for (int64_t r = 0; r < ns; r++) o->w[r] = scalar(n, t->rows + r * n, t->x);
   memcpy(o->z, t->z, nl * sizeof(double));
   evaluate(t, o, 0);
@@ -454,10 +484,10 @@ static int solved(const March *t, Step *o, int64_t step, double begin, double pa
     for (int64_t r = 0; r < ns; r++) {
       double sum = 0.0;
       if (o->partial)
-        for (int64_t i = 0; i < m; i++) sum += real_of(RV[r * m + i], times(o->E[(e - 1) * m + i], o->y0[i]));
+        for (int64_t i = 0; i < m; i++) sum += real_of(RV[r * m + i], o->begun[(e - 1) * m + i]);
       else
-        sum = scalar(n, o->TR + ((e - 1) * nr + r) * n, t->x);
-      sum += scalar(NODES * nu, o->TI + ((e - 1) * nr + r) * NODES * nd + NODES * nf, o->u);
+        sum = scalar(n, o->TR + ((e - 1) * nr + r) * n, t->x) +
+              scalar(LOADS * nu, o->TI + ((e - 1) * nr + r) * width + NODES * nf, t->coefficients + step * LOADS * nu);
       o->linear[(e - 1) * nr + r] = sum;
     }
   for (int64_t e = 0; e < NODES; e++) {
@@ -517,6 +547,7 @@ static int solved(const March *t, Step *o, int64_t step, double begin, double pa
 static void sensitivities(const March *t, Step *o) {
   const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, nr = t->nr, nl = t->nl, q = t->q, p = t->p;
   const int64_t r = nd - nf - nu, ns = t->ns, w = ns - 2 * nf, nz = o->count, size = INNER * (nf + nz), m = t->m;
+  const int64_t width = wide(t), beyond = further_at(t);
   const double *k = t->k + o->regime * nf, *c = t->c + o->regime * nf;
   const double complex *V = (const double complex *)t->V + o->regime * n * m;
   const double complex *iV = (const double complex *)t->iV + o->regime * m * n;
@@ -565,7 +596,7 @@ static void sensitivities(const March *t, Step *o) {
       }
       if (e)
         for (int64_t j = 0; j < NODES * r; j++) {
-          const double to = o->TI[((e - 1) * nr + i) * NODES * nd + NODES * (nf + nu) + j];
+          const double to = o->TI[((e - 1) * nr + i) * width + beyond + j];
           for (int64_t a = 0; a < p; a++) line[a] += to * further[j * q + a];
         }
     }
@@ -578,7 +609,7 @@ static void sensitivities(const March *t, Step *o) {
   for (int64_t e = 1; e < NODES; e++)
     for (int64_t i = 0; i < ns; i++)
       for (int64_t f = 0; f < nf; f++) {
-        const double to = o->TI[((e - 1) * nr + i) * NODES * nd + f];
+        const double to = o->TI[((e - 1) * nr + i) * width + f];
         for (int64_t a = 0; a < q; a++) W[(e * nr + i) * q + a] += to * G[f * q + a];
       }
   double *right = o->right;
@@ -646,14 +677,14 @@ static void sensitivities(const March *t, Step *o) {
       }
       continue;
     }
-    const double *by = o->P + i * n, *to = o->Q + i * NODES * nd;
+    const double *by = o->P + i * n, *to = o->Q + i * width;
     for (int64_t s = 0; s < n; s++)
       if (by[s] != 0.0)
         for (int64_t a = 0; a < q; a++) line[a] += by[s] * t->S[s * q + a];
     for (int64_t j = 0; j < NODES * nf; j++)
       for (int64_t a = 0; a < q; a++) line[a] += to[j] * G[j * q + a];
     for (int64_t j = 0; j < NODES * r; j++)
-      for (int64_t a = 0; a < p; a++) line[a] += to[NODES * (nf + nu) + j] * further[j * q + a];
+      for (int64_t a = 0; a < p; a++) line[a] += to[beyond + j] * further[j * q + a];
   }
   memcpy(t->S, o->moved, n * q * sizeof(double));
   for (int64_t i = 0; i < nz; i++)
@@ -661,8 +692,8 @@ static void sensitivities(const March *t, Step *o) {
 }
 
 /* Add the work of the loads and what the dampers of the rest dissipate over a step; their rows are the last ones. */
-static void add_energy(const March *t, Step *o) {
-  const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, nr = t->nr, m = t->m;
+static void add_energy(const March *t, Step *o, const double *loads) {
+  const int64_t n = t->n, nf = t->nf, nu = t->nu, nr = t->nr, m = t->m, width = wide(t);
   const double complex *RV = (const double complex *)t->RV + o->regime * nr * m;
   for (int64_t e = 0; e < NODES; e++)
     for (int64_t r = t->ns; r < nr; r++) {
@@ -672,9 +703,9 @@ static void add_energy(const March *t, Step *o) {
       } else if (o->partial) {
         for (int64_t i = 0; i < m; i++) w += real_of(RV[r * m + i], o->y[(e - 1) * m + i]);
       } else {
-        const double *by = o->TI + ((e - 1) * nr + r) * NODES * nd;
+        const double *by = o->TI + ((e - 1) * nr + r) * width;
         w = scalar(n, o->TR + ((e - 1) * nr + r) * n, t->x) + scalar(NODES * nf, by, o->g);
-        w += scalar(NODES * nu, by + NODES * nf, o->u);
+        w += scalar(LOADS * nu, by + NODES * nf, loads);
       }
       const int64_t load = r - t->ns;
       const double weight = o->h * t->integrals[INNER * NODES + e];
@@ -683,9 +714,40 @@ static void add_energy(const March *t, Step *o) {
     }
 }
 
+/* Add to the error of the state what polynomials leave out over a whole step; see `tables.left_out`. */
+static void add_error(const March *t, Step *o, int64_t step) {
+  const int64_t nf = t->nf, nu = t->nu, length = t->which[step];
+  const double *beyond = t->beyond + (o->regime * t->lengths + length) * INNER * nf;
+  double change = 0.0;
+  for (int64_t i = 0; i < nu; i++) {
+    const double *a = t->coefficients + (step + 1) * LOADS * nu + i, last = fabs(a[-nu]), before = fabs(a[-2 * nu]);
+    change = fmax(change, o->h * (last < before ? last * last / before : last) * o->norms[i]);
+  }
+  for (int64_t i = 0; i < nf; i++) {
+    double a[INNER] = {0.0};
+    for (int k = 0; k < INNER; k++)
+      for (int j = 0; j < NODES; j++) a[k] += t->legendre[k * NODES + j] * o->g[j * nf + i];
+    const double head = sqrt(a[0] * a[0] + a[1] * a[1]), tail = sqrt(a[2] * a[2] + a[3] * a[3]);
+    const double decay = tail < head ? tail / head : 1.0, root = sqrt(decay);
+    double falling = tail * decay;
+    for (int k = 0; k < INNER; k++, falling *= root) {
+      double measured = 0.0;
+      const double *both = t->two_steps + k * (2 * NODES - 1);
+      for (int j = 0; j < NODES; j++) measured += both[j] * o->before[j * nf + i];
+      for (int j = 1; j < NODES; j++) measured += both[INNER + j] * o->g[j * nf + i];
+      change += beyond[k * nf + i] * (o->before_h == o->h ? fmin(falling, fabs(measured)) : falling);
+    }
+  }
+  o->before_h = o->h;
+  memcpy(o->before, o->g, NODES * nf * sizeof(double));
+  t->work[nf + 2] = t->work[nf + 2] * t->fades[length] + change;
+  t->work[nf + 3] = fmax(t->work[nf + 3], t->work[nf + 2]);
+}
+
 /* Go to the end of a step. */
-static void accept(const March *t, Step *o) {
-  const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, m = t->m;
+static void accept(const March *t, Step *o, int64_t step) {
+  const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, m = t->m, width = wide(t);
+  const double *loads = t->coefficients + step * LOADS * nu;
   if (t->q) { /* Newton's last matrix is that of the iterate before: at the solution it is made again */
     jacobian(t, o);
     factorise(INNER * (nf + o->count), o->J, o->pivots);
@@ -696,11 +758,10 @@ static void accept(const March *t, Step *o) {
     const double complex *iVD = (const double complex *)t->iVD + o->regime * m * nd;
     for (int64_t e = t->nr > t->ns ? 0 : INNER - 1; e < INNER; e++)
       for (int64_t i = 0; i < m; i++) {
-        double complex sum = times(o->E[e * m + i], o->y0[i]);
+        double complex sum = o->begun[e * m + i];
         for (int64_t j = 0; j < NODES; j++) {
           double complex acting = 0.0;
           for (int64_t f = 0; f < nf; f++) acting += iVD[i * nd + f] * o->g[j * nf + f];
-          for (int64_t k = 0; k < nu; k++) acting += iVD[i * nd + nf + k] * o->u[j * nu + k];
           sum += times(o->weights[(e * NODES + j) * m + i], acting);
         }
         o->y[e * m + i] = sum;
@@ -712,21 +773,11 @@ static void accept(const March *t, Step *o) {
     }
   } else {
     for (int64_t i = 0; i < n; i++) {
-      const double *to = o->Q + i * NODES * nd;
-      o->next[i] = scalar(n, o->P + i * n, t->x) + scalar(NODES * nf, to, o->g) + scalar(NODES * nu, to + NODES * nf, o->u);
+      const double *to = o->Q + i * width;
+      o->next[i] = scalar(n, o->P + i * n, t->x) + scalar(NODES * nf, to, o->g) + scalar(LOADS * nu, to + NODES * nf, loads);
     }
   }
-  if (t->nr > t->ns) add_energy(t, o);
-  double error = 0.0;
-  for (int64_t i = 0; i < nf + nu; i++) { /* Legendre coefficients of degree 3 and 4 of what is interpolated */
-    const double *values = i < nf ? o->g + i : o->u + (i - nf);
-    const int64_t stride = i < nf ? nf : nu;
-    double c3 = 0.0, c4 = 0.0;
-    for (int j = 0; j < NODES; j++) c3 += t->legendre[j] * values[j * stride], c4 += t->legendre[NODES + j] * values[j * stride];
-    const double decay = fabs(c4) < fabs(c3) ? c4 * c4 / (c3 * c3) : 1.0;
-    error = fmax(error, fabs(c4) * decay * decay * o->norms[i]);
-  }
-  t->work[nf + 2] += o->h * error;
+  if (t->nr > t->ns) add_energy(t, o, loads);
   memcpy(t->x, o->next, n * sizeof(double));
   memcpy(t->z, o->z + INNER * t->nl, t->nl * sizeof(double));
   for (int64_t j = 0; j < NODES; j++)
@@ -899,26 +950,23 @@ static void switched(const March *t, Step *o, const Event *event, int64_t step, 
 
 /* Go over a regular step, from event to event. */
 static int advanced(const March *t, Step *o, int64_t step) {
-  const int64_t length = t->which[step];
-  const double h = t->h[length];
   int status;
   for (int turn = 0; turn < MAX_EVENTS; turn++) {
     const double begin = t->done[0], part = 1.0 - begin;
     int64_t regime = place_of(t);
     if (regime < 0) return NEEDS_REGIME;
-    if ((status = tables(t, o, regime, length, h * part, begin == 0.0))) return status;
-    if ((status = solved(t, o, step, begin, part))) return status;
+    if ((status = solved(t, o, regime, step, begin, part))) return status;
     Event event = {0};
     if (!first_event(t, o, &event)) {
-      accept(t, o);
+      accept(t, o, step);
+      if (begin == 0.0) add_error(t, o, step);
       t->done[0] = 0.0;
       return DONE;
     }
     double theta = event.theta, end = begin;
     if (theta > 0.0) {
       for (int place = 0; place < MAX_LOCATIONS; place++) {
-        if ((status = tables(t, o, regime, length, h * part * theta, 0))) return status;
-        if ((status = solved(t, o, step, begin, part * theta))) return status;
+        if ((status = solved(t, o, regime, step, begin, part * theta))) return status;
         double basis[NODES];
         basis_at(t, 1.0, basis);
         const double at_end = guard_at(t, o, event.law, event.number, basis, NULL);
@@ -928,7 +976,7 @@ static int advanced(const March *t, Step *o, int64_t step) {
         if (fabs(correction) * theta < 1e-9 || !(0.5 < 1.0 + correction && 1.0 + correction < 2.0)) break;
         if (place < MAX_LOCATIONS - 1) theta = fmin(1.0, theta * (1.0 + correction));
       }
-      accept(t, o);
+      accept(t, o, step);
       end += part * theta;
     }
     if (end >= 1.0 - EVENT_TOL) end = 1.0;
@@ -962,10 +1010,10 @@ static void keep(const March *t, Step *o, int64_t sample) {
 /* March until the last sample, or until a regime is needed; see the statuses above. */
 ENTRY int64_t dynid_march(const March *t) {
   const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, nr = t->nr, nl = t->nl, q = t->q, m = t->m;
-  const int64_t r = nd - nf - nu, size = INNER * (nf + nl), wide = q > 1 ? q : 1;
-  const int64_t doubles = NODES * (nu + nr + nl + nf) + INNER * nr + nf + size * size + size * wide + n * q + 3 * NODES * nf +
-                          INNER * nr * NODES * nd + n + nf + nu + NODES * nr * q + NODES * r * q + 2 * NODES * nf * q + NODES * q +
-                          2 * q + 2 * m * (1 + INNER * (2 + NODES)) + 4 * m * q;
+  const int64_t r = nd - nf - nu, size = INNER * (nf + nl), right = size * (q > 1 ? q : 1);
+  const int64_t doubles = NODES * (nu + nr + nl + nf) + INNER * nr + nf + size * size + right + (2 * LOADS + 1) * nu + n * q + 3 * NODES * nf +
+                          INNER * nr * wide(t) + n + NODES * nf + nu + NODES * nr * q + NODES * r * q + 2 * NODES * nf * q + NODES * q +
+                          2 * q + 2 * m * INNER * (3 + NODES) + 4 * m * q;
   double *all = calloc(doubles + 64, sizeof(double)), *arena = all;
   int64_t *whole = calloc(size + nl + 1, sizeof(int64_t));
   Force *laws = calloc(NODES * nl + 1, sizeof(Force));
@@ -977,16 +1025,16 @@ ENTRY int64_t dynid_march(const March *t) {
 #define ROOM(count) (arena += (count), arena - (count))
   Step o = {.law = laws, .pivots = whole, .dynamic = whole + size};
   o.E = (double complex *)ROOM(2 * m * INNER), o.weights = (double complex *)ROOM(2 * m * INNER * NODES);
-  o.y0 = (double complex *)ROOM(2 * m), o.y = (double complex *)ROOM(2 * m * INNER), o.Y = ROOM(4 * m * q);
+  o.begun = (double complex *)ROOM(2 * m * INNER), o.y = (double complex *)ROOM(2 * m * INNER), o.Y = ROOM(4 * m * q);
   o.u = ROOM(NODES * nu), o.w = ROOM(NODES * nr), o.z = ROOM(NODES * nl), o.g = ROOM(NODES * nf);
-  o.linear = ROOM(INNER * nr + nf), o.J = ROOM(size * size), o.right = ROOM(size * wide), o.moved = ROOM(n * q);
+  o.linear = ROOM(INNER * nr + nf), o.J = ROOM(size * size), o.right = ROOM(right), o.powers = ROOM((2 * LOADS + 1) * nu), o.moved = ROOM(n * q);
   o.f = ROOM(NODES * nf), o.fd = ROOM(NODES * nf), o.fv = ROOM(NODES * nf);
-  o.own_TI = ROOM(INNER * nr * NODES * nd), o.next = ROOM(n), o.norms = ROOM(nf + nu);
+  o.own_TI = ROOM(INNER * nr * wide(t)), o.next = ROOM(n), o.norms = ROOM(nu), o.before = ROOM(NODES * nf);
   o.W = ROOM(NODES * nr * q), o.further = ROOM(NODES * r * q), o.direct = ROOM(NODES * nf * q);
   o.G = ROOM(NODES * nf * q), o.Z = ROOM(NODES * q + 2 * q);
 #undef ROOM
-  for (int64_t i = 0; i < nf + nu; i++) {
-    for (int64_t s = 0; s < n; s++) o.norms[i] += t->D[s * nd + i] * t->D[s * nd + i];
+  for (int64_t i = 0; i < nu; i++) {
+    for (int64_t s = 0; s < n; s++) o.norms[i] += t->D[s * nd + nf + i] * t->D[s * nd + nf + i];
     o.norms[i] = sqrt(o.norms[i]);
   }
   for (; t->at[0] <= t->steps; t->at[0]++) {

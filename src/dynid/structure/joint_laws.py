@@ -225,7 +225,10 @@ class Jenkins(Law):
 
 
 class BoucWen(Law):
-    """kz z with z' = v (1 - alpha |z|^n) for v z > 0, v (1 + delta |z|^n) for v z < 0; z in the unit of d."""
+    """kz e with e' = v (1 - alpha |e|^n) for v e > 0, v (1 + delta |e|^n) for v e < 0, in the unit of d.
+
+    z is d - e, as of `Jenkins`: it is constant, and the law linear, where alpha and delta are 0.
+    """
 
     kind, names, signed, code = "bouc_wen", ("kz", "alpha", "delta"), ("alpha", "delta"), 3
     hidden, preloaded = True, False
@@ -234,31 +237,32 @@ class BoucWen(Law):
         self.n, self.options = float(n), (float(n),)
         self.units = ("N/m", "1/m", "1/m") if n == 1 else ("N/m", f"1/m{n:g}", f"1/m{n:g}")
 
-    # Regimes: bit 0, v is negative; bit 1, z is.
+    # Regimes: bit 0, v is negative; bit 1, e is.
     def force(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes:
-        return Slopes(p[0] * z, 0.0, 0.0, p[0], (z, 0.0, 0.0))
+        return Slopes(p[0] * (d - z), p[0], 0.0, -p[0], (d - z, 0.0, 0.0))
 
     def rate(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes | None:
         sign = -1.0 if regime & 2 else 1.0
-        base = np.maximum(sign * z, 0.0) if self.n % 1 else sign * z
+        base = np.maximum(sign * (d - z), 0.0) if self.n % 1 else sign * (d - z)
         power, slope = base**self.n, sign * self.n * base ** (self.n - 1)
         loading = regime in (0, 3)
-        change = -p[1] if loading else p[2]
-        by_p = (0.0, -v * power, 0.0) if loading else (0.0, 0.0, v * power)
-        return Slopes(v * (1 + change * power), 0.0, 1 + change * power, v * change * slope, by_p)
+        change = p[1] if loading else -p[2]
+        by_p = (0.0, v * power, 0.0) if loading else (0.0, 0.0, -v * power)
+        return Slopes(v * change * power, v * change * slope, change * power, -v * change * slope, by_p)
 
     def regime(self, p: Values, d: float, v: float, z: float) -> int:
-        return (v < 0) | (z < 0) << 1
+        return (v < 0) | (d < z) << 1
 
     def guards(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Sequence[Guard]:
-        of_v, of_z = (-1.0 if regime & 1 else 1.0), (-1.0 if regime & 2 else 1.0)
-        return Guard(Slopes(of_v * v, v=of_v), regime ^ 1), Guard(Slopes(of_z * z, z=of_z), regime ^ 2)
+        of_v, of_e = (-1.0 if regime & 1 else 1.0), (-1.0 if regime & 2 else 1.0)
+        elastic = Slopes(of_e * (d - z), d=of_e, z=-of_e)
+        return Guard(Slopes(of_v * v, v=of_v), regime ^ 1), Guard(elastic, regime ^ 2)
 
     def tangent(self, p: Values, regime: int) -> tuple[float, float]:
         return p[0], 0.0
 
     def range_of_hidden(self, p: Values, d: float) -> tuple[float, float]:
-        return 0.0, (p[1] ** (-1 / self.n) if p[1] > 0 else np.inf)
+        return d, (p[1] ** (-1 / self.n) if p[1] > 0 else np.inf)
 
     def cycle_work(self, p: Values, amplitude: float, omega: float, offset: float = 0.0) -> float:
         def slope(z: float, sign: float) -> float:  # of z over the deflection

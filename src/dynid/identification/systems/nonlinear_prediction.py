@@ -8,8 +8,8 @@ responses to single loads do not add up. ``is_nonlinear(model)`` says which of b
   (``bolt.k3``, ``bolt.fs``, ``bolt.offset``), linear where they may be negative.
 - `x0` (n): first state at the first node of the timeline, scaled by ``model.scale``.
 - `z0` (h): first hidden states of the laws that have one, in the order of `hidden_states(model)`, in the unit
-  of their deflection: of Jenkins the position of the slider, of Bouc-Wen z. `hidden_start` maps numbers from
-  -1 to 1 to the range in which a motion may start, with derivatives.
+  of their deflection: of Jenkins the position of the slider, of Bouc-Wen d - e. `hidden_start` maps numbers
+  from -1 to 1 to the range in which a motion may start, with derivatives.
 - `steps`: regular steps in each interval of the timeline. `steps_needed(model, eta, x0, z0)` chooses them so
   that halving changes the states by less than 1e-7 of the largest; keep them while estimates move, and ask
   again at the end. Raises NumericalError where no number suffices.
@@ -96,7 +96,7 @@ class HiddenStart(NamedTuple):
 def hidden_start(model: ParametricModel, eta: Array, x0: Array, numbers: Array) -> HiddenStart:
     """Return hidden states ``centre + width s`` within the range in which a motion may start.
 
-    `numbers` (h): s, from -1 to 1; 0 is the centre: an unloaded spring of Jenkins, z = 0 of Bouc-Wen.
+    `numbers` (h): s, from -1 to 1; 0 is the centre: an unloaded spring.
     """
     laws, rows = _laws(model, eta), _deflections(model)
     rate = rates(model.unknowns, eta)

@@ -25,9 +25,11 @@ from dynid.structure.nonlinear.tables import (
     Regimes,
     Steps,
     first_regimes,
-    last_coefficients,
+    legendre_coefficients,
+    load_points,
     load_polynomials,
     lobatto,
+    powers_of,
 )
 
 # What `dynid_march` returns.
@@ -63,13 +65,13 @@ def march(
     sample = np.full(len(steps.lengths) + 1, -1, dtype=np.int64)
     sample[steps.samples] = np.arange(samples)
     last = int(steps.samples[-1])
-    c, L, integrals = lobatto()
+    (c, L, integrals), (points, inverse), legendre = lobatto(), load_points(), legendre_coefficients()
     S, T = np.zeros((n, q)), np.zeros((nl, q))
     if first:
         S[:, p : p + n], T[:, p + n :] = np.eye(n), np.eye(nl)
     acceleration = rest.rows[nf : 2 * nf]
     state: dict[str, Any] = {
-        "x": x0.copy(), "z": z0.copy(), "S": S, "T": T, "work": np.zeros(nf + 3), "done": np.zeros(1),
+        "x": x0.copy(), "z": z0.copy(), "S": S, "T": T, "work": np.zeros(nf + 4), "done": np.zeros(1),
         "wanted": np.zeros(2 * nf), "state": np.array(first_regimes(rest, laws, x0, z0), dtype=np.int64),
         "at": np.zeros(4, dtype=np.int64),
     }  # fmt: skip
@@ -93,9 +95,12 @@ def march(
         ],
         "by_laws": np.zeros((nl, _PARAMETERS + 1, p)),
         "by_rows": np.zeros(0), "by_loads": np.zeros(0), "by_forces": np.zeros(0),
-        "h": lengths, "coefficients": steps.coefficients, "nodes": c, "basis": L, "integrals": integrals,
+        "h": lengths, "fades": np.exp(-regimes.fading(state["state"].tolist()) * lengths),
+        "coefficients": steps.coefficients, "nodes": c, "basis": L, "integrals": integrals,
         "scan": SCAN, "scan_basis": np.vander(SCAN, NODES, increasing=True) @ L.T,
-        "load_basis": load_polynomials(c), "legendre": last_coefficients(),
+        "load_basis": load_polynomials(c), "load_points": points, "load_inverse": inverse,
+        "load_powers": powers_of("Chebyshev"),
+        "legendre": legendre[0], "two_steps": legendre[1],
         "jump": np.zeros(n) if impulse is None else impulse[1],
         "jump_work": np.zeros(n) if impulse is None else rest.work_of(impulse[1]),
         "which": which.astype(np.int64), "sample": sample,
@@ -134,9 +139,10 @@ def _tables(rest: LinearRest, regimes: Sequence[Regime], lengths: Array) -> dict
     arrays: dict[str, Any] = {
         "k": [regime.k for regime in regimes], "c": [regime.c for regime in regimes],
         "P": [[table.P for table in row] for row in regular],
-        "Q": [[_grouped(rest, table.Q) for table in row] for row in regular],
+        "Q": [[_grouped(rest, table.Q, table.U) for table in row] for row in regular],
         "TR": [[table.rows for table in row] for row in regular],
-        "TI": [[_grouped(rest, table.influence) for table in row] for row in regular],
+        "beyond": [[table.beyond for table in row] for row in regular],
+        "TI": [[_grouped(rest, table.influence, table.by_loads) for table in row] for row in regular],
     }  # fmt: skip
     # Of a pair of conjugate modes the one above the real axis, twice; modes that are absent are zeros.
     n, rows = len(rest.A), rest.all_rows
@@ -159,7 +165,7 @@ def _tables(rest: LinearRest, regimes: Sequence[Regime], lengths: Array) -> dict
     return {"m": m, **{name: _plain(array) for name, array in arrays.items()}, "diagonal": diagonal}
 
 
-def _grouped(rest: LinearRest, responses: Array) -> Array:
-    """Return responses to forces at the nodes (… x s x nd), those to joint forces first, then to loads."""
-    groups = np.split(responses, [rest.forces, rest.forces + rest.loads], axis=-1)
-    return np.concatenate([group.reshape(*group.shape[:-2], -1) for group in groups], axis=-1)
+def _grouped(rest: LinearRest, forces: Array, loads: Array) -> Array:
+    """Return responses to the joints' forces at all nodes, then to the loads, then to further forces."""
+    joints, further = np.split(forces, [rest.forces], axis=-1)
+    return np.concatenate([X.reshape(*X.shape[:-2], -1) for X in (joints, loads, further)], axis=-1)

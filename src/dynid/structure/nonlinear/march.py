@@ -154,15 +154,16 @@ class _March(MarchState):
 
     def advance(self, index: int, h: float) -> None:
         """Go over a regular step, from event to event."""
-        c, _, _ = lobatto()
         done = 0.0
         for _ in range(_MAX_EVENTS):
             part = 1.0 - done
             tables = self.regime.tables(h * part, regular=done == 0.0)
-            step = self.solve(tables, self.loads.at(index, done + part * c))
+            step = self.solve(tables, self.loads.over(index, done, part))
             event = self.first_event(step)
             if event is None:
                 self.accept(step)
+                if done == 0.0:
+                    self.add_error(step)
                 return
             theta = event.theta
             if theta > 0:
@@ -177,11 +178,10 @@ class _March(MarchState):
 
     def _located(self, event: _Event, index: int, h: float, done: float, part: float) -> float:
         """Take the part of a step up to an event, whose place is corrected until it does not move."""
-        c, _, _ = lobatto()
         theta = event.theta
         for _ in range(_MAX_LOCATIONS):
             tables = self.regime.tables(h * part * theta, regular=False)
-            step = self.solve(tables, self.loads.at(index, done + part * theta * c))
+            step = self.solve(tables, self.loads.over(index, done, part * theta))
             at_end, earlier = (
                 self.guard_at(step, event.number, 1.0),
                 self.guard_at(step, event.number, 1 - 1e-4),
@@ -239,7 +239,9 @@ def march(
     if first:
         S[:, p : p + n], T[:, p + n :] = np.eye(n), np.eye(len(laws))
     nf, regimes = rest.forces, first_regimes(rest, laws, x0, z0)
-    state = _March(kept, steps, columns, x0.copy(), z0.copy(), regimes, S, T, np.zeros(nf + 2))
+    state = _March(
+        kept, steps, columns, x0.copy(), z0.copy(), regimes, S, T, np.zeros(nf + 2), kept.fading(regimes)
+    )
     samples, shapes = (
         len(steps.samples),
         ((n,), (len(laws),), (nf,), (len(laws),), (nf + 2,), (n, q), (nf, q), (len(laws), q)),

@@ -164,11 +164,15 @@ def _read(
 
 
 def _first_hidden(laws: Sequence[BoundLaw], deflections: Array) -> Array:
-    """Return the hidden states that are nearest to zero among those with which a motion may start (laws)."""
+    """Return the hidden states that are nearest to zero among those with which a motion may start (laws).
+
+    Hysteresis that builds up gradually is unloaded.
+    """
     hidden = []
     for law in laws:
         centre, width = law.law.range_of_hidden(law.values, float(deflections[law.row]))
-        hidden.append(float(np.clip(0.0, centre - width, centre + width)) if law.law.hidden else 0.0)
+        nearest = centre if law.rate(0, 0.0, 0.0, 0.0) else np.clip(0.0, centre - width, centre + width)
+        hidden.append(float(nearest) if law.law.hidden else 0.0)
     return np.array(hidden)
 
 

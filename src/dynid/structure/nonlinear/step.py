@@ -20,6 +20,7 @@ from dynid.structure.nonlinear.tables import (
     Steps,
     Tables,
     left_out,
+    load_polynomials,
     lobatto,
 )
 
@@ -45,9 +46,10 @@ class Forces(NamedTuple):
 
 
 class Step(NamedTuple):
-    """The solution of a step: loads, rows, hidden states and interpolated forces at its nodes."""
+    """The solution of a step: coefficients of its loads; loads, rows, hidden states, forces at its nodes."""
 
     tables: Tables
+    loads: Array
     u: Array
     w: Array
     z: Array
@@ -70,6 +72,9 @@ class MarchState:
     S: Array  # slopes of the state (n x q)
     T: Array  # slopes of the hidden states (laws x q)
     work: Array  # done on the laws (nf), J
+    fading: float  # rate at which errors fade, 1/s
+    before: Step | None = None
+    error: float = 0.0
     events: int = 0
     steps: int = 0
     local_error: float = 0.0
@@ -111,15 +116,15 @@ class MarchState:
 
     # A step.
 
-    def solve(self, tables: Tables, u: Array) -> Step:
-        """Solve for the joint forces at the nodes of a step, with loads u (s x nu) there."""
-        regime, nf, nu = self.regime, self.rest.forces, self.rest.loads
+    def solve(self, tables: Tables, loads: Array) -> Step:
+        """Solve for the joint forces at the nodes of a step, with these coefficients of its loads."""
+        regime, nf = self.regime, self.rest.forces
         _, _, integrals = lobatto()
-        a, influence = integrals * tables.h, tables.influence
+        a, influence, u = integrals * tables.h, tables.influence, load_polynomials(lobatto()[0]) @ loads
         w = np.empty((NODES, len(regime.R)))
         w[0] = regime.R @ self.x
         start = self.forces(w[:1], self.z[None])
-        linear = tables.rows @ self.x + np.einsum("erju,ju->er", influence[..., nf : nf + nu], u)
+        linear = tables.rows @ self.x + np.einsum("erju,ju->er", tables.by_loads, loads)
         g = np.repeat(start.value - regime.k * w[:1, :nf] - regime.c * w[:1, nf : 2 * nf], NODES, axis=0)
         dynamic = [
             index for index, law in enumerate(self.laws) if law.rate(self.regimes[index], 0.0, 0.0, 0.0)
@@ -146,7 +151,8 @@ class MarchState:
             before = moved
             if all(m <= _NEWTON_TOL * s + 1e-300 for m, s in zip(following, scale, strict=True)):
                 w[1:] = linear + np.einsum("erjf,jf->er", R, g)
-                return Step(tables, u, w, z, g, self.forces(w, z), J, dynamic)
+                f = self.forces(w, z)
+                return Step(tables, loads, u, w, z, g, f, self._jacobian(f, R, a, dynamic), dynamic)
         raise Refine("the joint forces of a step do not converge")
 
     def _jacobian(self, f: Forces, R: Array, a: Array, dynamic: list[int]) -> Array:
@@ -177,8 +183,8 @@ class MarchState:
         tables, nf, nu = step.tables, self.rest.forces, self.rest.loads
         if self.S.shape[1]:
             self._sensitivities(step)
-        acting = np.concatenate([step.g, step.u], axis=1)
-        self.x = tables.P @ self.x + np.einsum("njd,jd->n", tables.Q[..., : nf + nu], acting)
+        self.x = tables.P @ self.x + np.einsum("njd,jd->n", tables.Q[..., :nf], step.g)
+        self.x += np.einsum("njd,jd->n", tables.U, step.loads)
         self.z = step.z[-1].copy()
         power = np.zeros((NODES, nf + 2))
         power[:, :nf] = step.f.value * step.w[:, nf : 2 * nf]
@@ -187,8 +193,17 @@ class MarchState:
             power[:, nf] = np.sum(of_energy[:, :nu] * step.u, axis=1)
             power[:, nf + 1] = np.sum(of_energy[:, nu:] ** 2, axis=1)
         self.work = self.work + tables.h * (lobatto()[2][-1] @ power)
-        self.local_error += tables.h * left_out(acting, self.rest.D[:, : nf + nu])
         self.steps += 1
+
+    def add_error(self, step: Step) -> None:
+        """Add to the error of the state what polynomials leave out over a whole step."""
+        h, nf, nu = step.tables.h, self.rest.forces, self.rest.loads
+        last, before = np.abs(step.loads[:-3:-1]) * np.linalg.norm(self.rest.D[:, nf : nf + nu], axis=0)
+        change = h * np.max(last * np.minimum(1, last / np.where(before > 0, before, 1)), initial=0.0)
+        before_g = self.before.g if self.before and self.before.tables.h == h else None
+        change += np.sum(left_out(step.g, before_g) * step.tables.beyond)
+        self.error = self.error * np.exp(-self.fading * h) + float(change)
+        self.local_error, self.before = max(self.local_error, self.error), step
 
     def _column_forces(self, step: Step) -> tuple[Array, Array, Array]:
         """Return what parameters add at the nodes: further forces (s x r x p), joint forces, hidden rates."""
@@ -219,7 +234,7 @@ class MarchState:
         if self.columns is not None:
             p = self.columns.by_rows.shape[0]
             further[..., :p], direct[..., :p], direct_rate[..., :p] = self._column_forces(step)
-            W[1:] += np.einsum("erjx,jxq->erq", tables.influence[..., nf + nu :], further)
+            W[1:] += np.einsum("erjx,jxq->erq", tables.influence[..., nf:], further)
 
         def force(W: Array, Z: Array, nodes: slice) -> Array:
             moved = (f.d[nodes] - regime.k)[..., None] * W[:, :nf]
@@ -247,7 +262,7 @@ class MarchState:
             right.append((self.T + np.einsum("ej,jlq->elq", a, rates))[1:, dynamic].reshape(-1, q))
         solution = np.linalg.solve(step.J, np.concatenate(right))
         g[1:] = solution[: m * nf].reshape(m, nf, q)
-        acting = np.concatenate([g, np.zeros((NODES, nu, q)), further], axis=1)
+        acting = np.concatenate([g, further], axis=1)
         self.S = tables.P @ self.S + np.einsum("njd,jdq->nq", tables.Q, acting)
         if dynamic:
             self.T = self.T.copy()

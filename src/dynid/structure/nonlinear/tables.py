@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
 from math import factorial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,6 @@ from dynid.structure.joint_laws import BoundLaw
 
 #: Lobatto nodes of a step.
 NODES = 5
-#: Degrees from the last coefficient of a step's polynomials to the first one that its end sees.
-NODES_TO_ORDER = NODES - 1
 #: Degree of the polynomials of the loads within a step.
 LOAD_DEGREE = 8
 #: Points of a step at which guards are checked.
@@ -50,30 +48,49 @@ def lobatto() -> tuple[Array, Array, Array]:
 
 
 @cache
-def last_coefficients() -> Array:
-    """Return the rows (2 x s) to the Legendre coefficients of degree 3 and 4 from values at the nodes."""
-    values = np.polynomial.legendre.legvander(2 * lobatto()[0] - 1, NODES - 1)
-    return np.asarray(np.linalg.inv(values)[-2:], dtype=np.float64)
+def legendre_coefficients() -> tuple[Array, Array]:
+    """Return the rows to Legendre coefficients of forces: in a step (4 x s), beyond it (4 x 2 s - 1).
 
-
-def left_out(forces: Array, directions: Array) -> float:
-    """Return the rate of the state by what the interpolation of forces at the nodes (s x nd) leaves out.
-
-    `directions` (n x nd). The ends of a step see nothing of degrees below 2 s - 2 = 8; coefficients go on
-    falling as from degree 3 to 4.
+    In a step those of degrees 1 … 4 from values at its nodes; beyond those of 5 … 8 from values at the nodes
+    of the last two steps, for a step.
     """
-    third, fourth = np.abs(last_coefficients() @ forces)
-    decay = np.where(fourth < third, fourth / np.where(third > 0, third, 1.0), 1.0)
-    rates = fourth * decay**NODES_TO_ORDER * np.linalg.norm(directions, axis=0)
-    return float(rates.max(initial=0.0))
+    c, legvander = lobatto()[0], np.polynomial.legendre.legvander
+    two = np.linalg.inv(legvander(np.concatenate([c, 1 + c[1:]]) - 1, 2 * NODES - 2))[NODES:]
+    two /= 2.0 ** np.arange(NODES, 2 * NODES - 1)[:, None]
+    return np.linalg.inv(legvander(2 * c - 1, NODES - 1))[1:], two
+
+
+def left_out(forces: Array, before: Array | None) -> Array:
+    """Return the Legendre coefficients of degrees 5 … 8 of forces, which a step leaves out (4 x nf).
+
+    `forces` (s x nf) at its nodes, `before`: at those of the step before. As the coefficients of degree 1, 2
+    fall to 3, 4, of which one alone may vanish by chance, or as measured over both steps: the lesser.
+    """
+    within, beyond = legendre_coefficients()
+    head, tail = np.linalg.norm((within @ forces).reshape(2, 2, -1), axis=1)
+    decay = np.where(tail < head, tail / np.where(head > 0, head, 1.0), 1.0)
+    falling = tail * np.array([decay, decay**1.5, decay**2, decay**2.5])
+    if before is None:
+        return np.asarray(falling)
+    return np.minimum(falling, np.abs(beyond @ np.concatenate([before, forces[1:]])))
 
 
 @cache
-def _load_points() -> tuple[Array, Array]:
+def load_points() -> tuple[Array, Array]:
     """Return the points in [0, 1] at which loads are evaluated, and the matrix to their polynomials."""
     x = (1 - np.cos(np.pi * np.arange(LOAD_DEGREE + 1) / LOAD_DEGREE)) / 2
     vandermonde = np.polynomial.chebyshev.chebvander(2 * x - 1, LOAD_DEGREE)
     return x, np.asarray(np.linalg.inv(vandermonde), dtype=np.float64)
+
+
+@cache
+def powers_of(kind: str) -> Array:
+    """Return the coefficients of the powers of time in each polynomial of a kind over a step."""
+    series: Any = getattr(np.polynomial, kind)
+    rows = [
+        series.basis(k, [0, 1]).convert(kind=np.polynomial.Polynomial).coef for k in range(LOAD_DEGREE + 1)
+    ]
+    return np.array([np.pad(row, (0, LOAD_DEGREE - k)) for k, row in enumerate(rows)])
 
 
 class Energy(NamedTuple):
@@ -133,8 +150,8 @@ class Motion(NamedTuple):
     (times x nf + 2): done on the laws, by the loads, and on the dampers, J (the last two are 0 without
     `LinearRest.energy`); `slopes` (times x n x q), `force_slopes` (times x nf x q),
     `hidden_slopes` (times x laws x q): by parameters (p), first state (n) and first hidden states (laws);
-    `events`: their number; `local_error`: sum over the steps of the change of the state by what
-    interpolation leaves out of the forces.
+    `events`: their number; `local_error`: of laws without regimes the largest sum over steps of the change
+    of the state by what polynomials leave out, where earlier changes have faded as the slowest mode does.
     """
 
     states: Array
@@ -164,13 +181,19 @@ def first_regimes(rest: LinearRest, laws: Sequence[BoundLaw], x0: Array, z0: Arr
 
 
 class Tables(NamedTuple):
-    """A step of length h: exact responses at its nodes (1 … s - 1) and at its end."""
+    """A step of length h: exact responses at its nodes (1 … s - 1) and at its end.
+
+    Forces act by their values at the nodes, the joints' nf before the further r; loads by their coefficients.
+    """
 
     h: float
     P: Array  # of the state at the end to that at the beginning (n x n)
-    Q: Array  # … to forces at the nodes (n x s x nd)
+    Q: Array  # … to forces at the nodes (n x s x nf + r)
+    U: Array  # … to the loads (n x degree + 1 x nu)
     rows: Array  # of the rows at the nodes to the state (s - 1 x rows x n)
-    influence: Array  # … to forces at the nodes (s - 1 x rows x s x nd)
+    influence: Array  # … to forces at the nodes (s - 1 x rows x s x nf + r)
+    by_loads: Array  # … to the loads (s - 1 x rows x degree + 1 x nu)
+    beyond: Array  # size of the response to what the step leaves out of polynomials of degrees 5 … 8 (4 x nf)
 
 
 class Regime:
@@ -178,7 +201,7 @@ class Regime:
 
     def __init__(self, rest: LinearRest, k: Array, c: Array) -> None:
         nf = rest.forces
-        self.k, self.c, self.D, self.R = k, c, rest.D, rest.all_rows
+        self.k, self.c, self.rest, self.R = k, c, rest, rest.all_rows
         fold = k[:, None] * rest.rows[:nf] + c[:, None] * rest.rows[nf : 2 * nf]
         self.A = rest.A + rest.D[:, :nf] @ fold
         self._regular: dict[float, Tables] = {}
@@ -192,30 +215,46 @@ class Regime:
             self._regular[h] = self._by_modes(h) if slow else self._by_exponentials(h)
         return self._regular[h]
 
-    def _assembled(self, h: float, P: Array, QD: Array) -> Tables:
-        """Return tables of the states at the nodes (P: s - 1 x n x n, QD: s - 1 x s x n x nd)."""
-        rows = self.R @ P
-        influence = (self.R @ QD).swapaxes(1, 2)
-        return Tables(
-            h, P[-1], np.ascontiguousarray(QD[-1].swapaxes(0, 1)), rows, np.ascontiguousarray(influence)
-        )
+    def _assembled(self, h: float, P: Array, responses: Array) -> Tables:
+        """Return tables of the states at the nodes, from their responses to powers of time in a step.
+
+        `P` (s - 1 x n x n), `responses` (degree + 1 x s - 1 x n x nd).
+        """
+        nf, nu = self.rest.forces, self.rest.loads
+        forces = np.delete(responses[:NODES], np.s_[nf : nf + nu], axis=3)
+        Q = np.einsum("jk,keid->eijd", lobatto()[1], forces)
+        U = np.einsum("jk,keid->eijd", powers_of("Chebyshev"), responses[..., nf : nf + nu])
+
+        def read(X: Array) -> Array:
+            return (self.R @ X.reshape(*X.shape[:2], -1)).reshape(len(X), -1, *X.shape[2:])
+
+        # Of Legendre's polynomials what the step leaves out is the difference from their values at its nodes.
+        polynomials = powers_of("Legendre")[NODES:]
+        at_nodes = np.vander(lobatto()[0], LOAD_DEGREE + 1, increasing=True) @ polynomials.T
+        missed = np.einsum("jk,knf->jnf", polynomials, responses[:, -1, :, :nf])
+        missed -= np.einsum("ej,nef->jnf", at_nodes, Q[-1][..., :nf])
+        beyond = np.linalg.norm(missed, axis=1)
+        return Tables(h, P[-1], Q[-1], U[-1], self.R @ P, read(Q), read(U), beyond)
 
     def _by_exponentials(self, h: float) -> Tables:
-        """Return tables by matrix exponentials joined with the polynomials of the forces."""
-        c, L, _ = lobatto()
-        n, nd = self.D.shape
-        joint = np.zeros((n + NODES * nd,) * 2)
-        joint[:n, :n], joint[:n, n : n + nd] = self.A, self.D
-        joint[n:, n:] = np.eye(NODES * nd, k=nd) / h
+        """Return tables by matrix exponentials joined with the powers of time."""
+        c, nf, (n, nd) = lobatto()[0], self.rest.forces, self.rest.D.shape
+        # Directions of each power, of which the higher ones are those of joint forces and loads alone.
+        powers = [np.arange(nd)] * NODES + [np.arange(nf + self.rest.loads)] * (LOAD_DEGREE + 1 - NODES)
+        place = n + np.cumsum([0, *map(len, powers)])
+        joint = np.zeros((place[-1],) * 2)
+        joint[:n, :n], joint[:n, n : place[1]] = self.A, self.rest.D
+        for k, here in enumerate(powers[1:]):
+            joint[place[k] + here, place[k + 1] + here] = 1 / h
         # Nodes are symmetric: the first, the middle, the last but one and the end are sums of two lengths.
         first, second = exponential(joint, c[1] * h), exponential(joint, (c[2] - c[1]) * h)
         middle = second @ first
         after = second @ middle
         E = np.stack([first, middle, after, first @ after])[:, :n]
-        phi = E[..., n:].reshape(NODES - 1, n, NODES, nd)  # c^(k+1) h phi_(k+1) D
-        QD = np.einsum("jk,eikd->ejid", L * [factorial(k) for k in range(NODES)], phi)
-        P = np.ascontiguousarray(E[..., :n])
-        return self._assembled(h, P, QD)
+        responses = np.zeros((len(powers), NODES - 1, n, nd))
+        for k, here in enumerate(powers):
+            responses[k][..., here] = factorial(k) * E[..., place[k] : place[k + 1]]
+        return self._assembled(h, np.ascontiguousarray(E[..., :n]), responses)
 
     @cached_property
     def modes(self) -> tuple[ComplexArray, ComplexArray, ComplexArray] | None:
@@ -230,13 +269,13 @@ class Regime:
         """Return tables by the eigenvalues."""
         assert self.modes is not None
         lam, V, inverse = self.modes
-        c, L, _ = lobatto()
-        phi = phi_functions(np.outer(c[1:], lam * h), NODES)  # s + 1 x s - 1 x n
-        powers = np.array([[factorial(k) * ce ** (k + 1) for k in range(NODES)] for ce in c[1:]])
-        Q = h * np.einsum("jk,ek,kem->ejm", L, powers, phi[1:])
+        c = lobatto()[0]
+        phi = phi_functions(np.outer(c[1:], lam * h), LOAD_DEGREE + 1)
+        k = np.arange(LOAD_DEGREE + 1)
+        weights = h * np.array([factorial(i) for i in k]) * c[1:, None] ** (k + 1)  # s - 1 x degree + 1
         P = ((V * phi[0][:, None, :]) @ inverse).real
-        QD = ((V * Q[:, :, None, :]) @ (inverse @ self.D)).real
-        return self._assembled(h, P, QD)
+        responses = (V * (weights.T[..., None] * phi[1:])[:, :, None, :]) @ (inverse @ self.rest.D)
+        return self._assembled(h, P, responses.real)
 
 
 class Regimes:
@@ -255,6 +294,11 @@ class Regimes:
             c[law.row] += damping
         return self.folding(k, c)
 
+    def fading(self, regimes: Sequence[int]) -> float:
+        """Return the decay rate of the slowest mode in these regimes, 1/s; 0 if one does not decay."""
+        modes = self.at(regimes).modes
+        return 0.0 if modes is None else max(0.0, float(np.min(-modes[0].real, initial=np.inf)))
+
     def folding(self, k: Array, c: Array) -> Regime:
         """Return the rest with this stiffness and damping of the laws (nf)."""
         key = k.tobytes() + c.tobytes()
@@ -267,14 +311,14 @@ def phi_functions(z: ComplexArray, order: int) -> ComplexArray:
     """Return phi_0 … phi_order of numbers z (order + 1 x …): phi_0 = exp, z phi_(k+1) = phi_k - 1 / k!."""
     out = np.empty((order + 1, *z.shape), dtype=complex)
     out[0] = np.exp(z)
-    large = np.abs(z) > 1.0
+    large = np.abs(z) > 4.0
     far = np.where(large, z, 1.0)
     for k in range(order):
         out[k + 1] = (out[k] - 1 / factorial(k)) / far
     near = np.where(large, 0.0, z)
     term = np.full(z.shape, 1 / factorial(order), dtype=complex)
     last = term.copy()
-    for k in range(1, 20):
+    for k in range(1, 30):
         term = term * near / (order + k)
         last += term
     out[order] = np.where(large, out[order], last)
@@ -300,7 +344,8 @@ class Steps(NamedTuple):
 
         `added` returns what is added to its inputs at times (times x nu).
         """
-        points = (np.arange(parts)[:, None] + load_points()) / parts
+        at, inverse = load_points()
+        points = (np.arange(parts)[:, None] + at) / parts
         values = np.empty((len(line.which), *points.shape, len(line.H)))
         for k, h in enumerate(line.lengths):
             here = line.which == k
@@ -309,13 +354,20 @@ class Steps(NamedTuple):
         if added is not None:
             times = line.nodes[:-1, None, None] + line.lengths[line.which][:, None, None] * points
             values += added(times.ravel()).reshape(values.shape)
-        values = values.reshape(len(line.which) * parts, len(load_points()), len(line.H))
+        values = values.reshape(len(line.which) * parts, len(at), len(line.H))
         lengths = np.repeat(line.lengths[line.which] / parts, parts)
-        return cls(lengths, np.einsum("kp,spu->sku", _load_points()[1], values), line.wanted * parts)
+        return cls(lengths, np.einsum("kp,spu->sku", inverse, values), line.wanted * parts)
 
     def at(self, step: int, theta: Array) -> Array:
         """Return the loads at parts theta of a step (theta x nu)."""
         return np.asarray(load_polynomials(theta) @ self.coefficients[step])
+
+    def over(self, step: int, begin: float, part: float) -> Array:
+        """Return the coefficients of the loads over a part of a step (degree + 1 x nu)."""
+        if part == 1.0:
+            return np.asarray(self.coefficients[step])
+        points, inverse = load_points()
+        return np.asarray(inverse @ self.at(step, begin + part * points))
 
 
 def _readouts(H: Array, G: Array, parts: Array) -> Array:
@@ -327,11 +379,6 @@ def _readouts(H: Array, G: Array, parts: Array) -> Array:
         terms.append(terms[-1] @ G / len(terms))
     powers = np.vander(parts, len(terms), increasing=True)
     return np.asarray(np.einsum("tk,kus->tus", powers, np.array(terms)))
-
-
-def load_points() -> Array:
-    """Return the points in [0, 1] of a step at which loads are evaluated (degree + 1)."""
-    return _load_points()[0]
 
 
 def load_polynomials(theta: Array) -> Array:
