@@ -20,7 +20,7 @@ from dynid.arrays import Array, guarded
 from dynid.defaults import ALL_MODES, DENSE_MODES, FEW_MODES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure.matrices import Matrix, as_array, is_sparse
-from dynid.structure.modes.pencil import Pencil, StrainEnergy, absolute, scaled, times, too_many
+from dynid.structure.modes.pencil import Pencil, StrainEnergy, absolute, blocks, scaled, times, too_many
 
 # Strain energy of a rigid-body motion, relative to that of its parts: rounding of the stiffness.
 _ROUNDING = 16 * float(np.finfo(float).eps)
@@ -118,41 +118,60 @@ def finished(
     """
     order = np.argsort(square, kind="stable")
     square, shapes = square[order], shapes[:, order]
-    stiffness, size = absolute(pencil.K), np.abs(shapes)
-    Kx, Mx, parts = times(pencil.K, shapes), times(pencil.M, shapes), times(stiffness, size)
-    # The strain energy of the shape itself: its rounding is that of its parts, not of the highest mode.
-    strain, total = np.einsum("im,im->m", shapes, Kx), np.einsum("im,im->m", size, parts)
-    # Forces and energies that are rounding of the shape count as zero.
-    blur = pencil.size * _UNIT * size.max(axis=0, initial=0.0)
-    row = times(stiffness, np.ones(pencil.size))
-    free = np.abs(strain) <= row.sum() * blur**2
-    strain, square = np.where(free, 0.0, strain), np.where(free, 0.0, square)
-    inertia = np.abs(square) * times(absolute(pencil.M), size)
-    sizes = np.linalg.norm(parts + inertia, axis=0)  # 0 for a mass that nothing holds
-    excess = np.maximum(np.abs(Kx - square * Mx) - np.where(free, np.outer(row, blur), 0.0), 0.0)
-    residuals = np.linalg.norm(excess, axis=0) / np.where(sizes > 0, sizes, 1.0)
+    strain, total, moving, square, residuals = _energies(pencil, square, shapes)
     square, rigid, undecided = _refined(pencil, square, shapes, total, _rigid(strain, total))
     order = np.argsort(square, kind="stable")
-    shapes, residuals, total = shapes[:, order], residuals[order], total[order]
+    if np.any(np.diff(order) < 0):
+        shapes = shapes[:, order]
+    residuals, total, moving = residuals[order], total[order], moving[order]
     square, rigid, undecided = square[order], rigid[order], undecided[order]
     if (worst := float(residuals.max(initial=0.0))) > _MODE_RESIDUAL:
         raise NumericalError(
             f"the modes have residuals of {worst:.1g} (found by {method})",
             remedy="Use another backend; check the units of the matrices.",
         )
-    moving = np.einsum("im,im->m", np.abs(shapes), times(absolute(pencil.M), np.abs(shapes)))
     shapes = pencil.scale[:, None] * shapes
-    # The largest component is positive: the first of those as large but for rounding.
-    size = np.abs(shapes)
-    largest = (size >= (1 - 1e-6) * size.max(axis=0, initial=0.0)).argmax(axis=0)
-    shapes = shapes * np.where(np.take_along_axis(shapes, largest[None], axis=0) < 0, -1.0, 1.0)
+    dissipation = np.zeros(len(square))
+    for block in blocks(len(square)):
+        # The largest component is positive: the first of those as large but for rounding.
+        size = np.abs(shapes[:, block])
+        largest = (size >= (1 - 1e-6) * size.max(axis=0, initial=0.0)).argmax(axis=0)
+        negative = np.take_along_axis(shapes[:, block], largest[None], axis=0) < 0
+        shapes[:, block] *= np.where(negative, -1.0, 1.0)
+        dissipation[block] = np.einsum("im,im->m", shapes[:, block], times(C, shapes[:, block]))
     omega = np.sqrt(square)
-    dissipation = np.einsum("im,im->m", shapes, times(C, shapes))
     damping = np.where(rigid, 0.0, dissipation / (2 * np.where(rigid, 1.0, omega)))
     return Modes(
         omega, damping, shapes, residuals, int(rigid.sum()), massless,
         float(np.sqrt(counted)), method, _uncertainty(omega, rigid | undecided, total, moving), undecided,
     )  # fmt: skip
+
+
+def _energies(pencil: Pencil, square: Array, shapes: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Return strain energies of scaled shapes, the sums of their parts and of kinetic ones without signs.
+
+    With them eigenvalues and residuals, relative to the sizes of their parts (all of modes). Forces and
+    energies that are rounding of the shape count as zero.
+    """
+    stiffness, mass = absolute(pencil.K), absolute(pencil.M)
+    row = times(stiffness, np.ones(pencil.size))
+    strain, total, moving, residuals = np.zeros((4, len(square)))
+    square = square.copy()
+    for block in blocks(len(square)):
+        x, size = shapes[:, block], np.abs(shapes[:, block])
+        Kx, parts, inertia = times(pencil.K, x), times(stiffness, size), times(mass, size)
+        # The strain energy of the shape itself: its rounding is that of its parts, not of the highest mode.
+        strain[block], total[block] = np.einsum("im,im->m", x, Kx), np.einsum("im,im->m", size, parts)
+        moving[block] = np.einsum("im,im->m", size, inertia)
+        blur = pencil.size * _UNIT * size.max(axis=0, initial=0.0)
+        free = np.abs(strain[block]) <= row.sum() * blur**2
+        strain[block][free] = square[block][free] = 0.0
+        excess = np.abs(Kx - square[block] * times(pencil.M, x))
+        excess[:, free] = np.maximum(excess[:, free] - np.outer(row, blur[free]), 0.0)
+        # 0 for a mass that nothing holds.
+        sizes = np.linalg.norm(parts + np.abs(square[block]) * inertia, axis=0)
+        residuals[block] = np.linalg.norm(excess, axis=0) / np.where(sizes > 0, sizes, 1.0)
+    return strain, total, moving, square, residuals
 
 
 def _uncertainty(omega: Array, open_to_zero: NDArray[np.bool_], total: Array, moving: Array) -> Array:

@@ -102,6 +102,15 @@ def times(matrix: Matrix, X: Array) -> Array:
     return np.asarray(matrix @ X)
 
 
+#: Modes worked on together: their products with matrices are a small part of the memory of many modes.
+_BLOCK = 16
+
+
+def blocks(count: int) -> list[slice]:
+    """Return slices of so many modes for work in blocks of memory."""
+    return [slice(first, min(first + _BLOCK, count)) for first in range(0, count, _BLOCK)]
+
+
 def absolute(matrix: Matrix) -> Matrix:
     """Return a matrix of the absolute values."""
     out: Any = abs(matrix)
