@@ -438,7 +438,7 @@ def test_what_an_exodus_file_leaves_out_is_left_out(tmp_path, monkeypatch):
     assert found.nodes.sets == {"5": (3,)}
     assert found.nodes.lines == ((1, 5),)
     assert found.modes is None
-    monkeypatch.setattr(exodus, "_MOST_LINES", 0)
+    monkeypatch.setattr(exodus, "_MOST_OUTLINES", 0)
     assert read_nodes(path).nodes.lines == ()
     with h5py.File(path, "r+") as store:
         for k in (1, 2, 3):

@@ -49,7 +49,8 @@ def test_calculix():
     assert model.dofs[:4] == ("25:x", "25:y", "25:z", "26:x")
     assert model.nodes.sets["TIP"] == (31, 32, 33, 34, 35)
     assert model.nodes.sets["HELD"] == (11, 12, 13, 14)
-    assert {(11, 12), (31, 35), (33, 42)} <= set(model.nodes.lines)
+    sides = [{line[k - 1], line[k]} for line in model.nodes.lines for k in range(len(line))]
+    assert all(side in sides for side in ({11, 12}, {31, 35}, {33, 42}))
     assert "constraints, which are not applied: 1 *BOUNDARY" in model.nodes.notes
     expected = np.loadtxt(DATA / "bracket_eigenvalues.txt")
     found = modes(model.M, model.C, model.K, len(expected)).omega ** 2

@@ -11,7 +11,10 @@ from dynid.report.drawing.space import Space
 from dynid.scene.load import check_source
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source
+from dynid.structure.geometry import geometry
+from dynid.structure.solid import Material, solid
 from tests.report.test_structure_schematics import assert_texts_apart, text_boxes
+from tests.structure.boxes import box
 from tests.structure.test_geometry import SCENE
 
 
@@ -202,3 +205,15 @@ def test_complex_shapes_are_drawn_in_the_phase_of_the_measured_ones():
 
     straight, turned = (np.array(tables(phases)) for phases in ((0.0, 0.0), (1.5, -0.8)))
     np.testing.assert_allclose(turned, straight, atol=1e-6)
+
+
+def test_a_solid_hides_what_is_behind_it():
+    """Of a cube seen from above and aside three faces are drawn, each with a shade of its own."""
+    space = Space(geometry(solid(box("hexahedron", (1, 1, 1)), Material(E=1.0, nu=0.3, rho=1.0))))
+    surface = space.surface()
+    assert len(space.faces) == 6
+    assert len({shade for _, shade in surface}) == len(surface) == 3
+    middle = space.flat(space.position.mean(axis=0))
+    ways = [corners.mean(axis=0) - middle for corners, _ in surface]
+    assert any(way[1] > 0.2 for way in ways)  # the top
+    assert not len(space.beams)

@@ -1,16 +1,19 @@
 """Geometry of structures in results: where sensors, loads and joints are, and how nodes move in modes."""
 
 import numpy as np
+import pytest
 
 import dynid
 from dynid.scene.load import check_source
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source
 from dynid.store.files import write_result
-from dynid.structure.geometry import GROUP, add_motion, geometry, outer_lines, place_of
+from dynid.structure.geometry import GROUP, MOST_FACES, add_motion, geometry, outer_lines, place_of
 from dynid.structure.joints import Joint
 from dynid.structure.labels import Nodes
 from dynid.structure.model import StructuralModel
+from dynid.structure.solid import Material, solid
+from tests.structure.boxes import box
 
 EPS = np.finfo(float).eps
 
@@ -136,3 +139,17 @@ def test_a_result_file_keeps_the_geometry(tmp_path):
         if path.startswith(GROUP):
             np.testing.assert_array_equal(read[path].data, made[path].data)
     assert set(read.to_xarray(GROUP).coords) >= {"node", "xyz", "mode", "sensor", "load"}
+
+
+def test_a_surface_of_many_faces_is_drawn_coarser():
+    """What remains of a closed box with 4,800 faces has its corners, is closed, and encloses the volume."""
+    model = solid(box("hexahedron", (20, 20, 50)), Material(E=1.0, nu=0.3, rho=1.0))
+    found = geometry(model)
+    faces, xyz = found[f"{GROUP}/face"].data, found[f"{GROUP}/position"].data
+    assert 1000 < len(faces) <= MOST_FACES < len(model.nodes.lines) == 2 * (400 + 1000 + 1000)
+    assert found.group_attrs[GROUP]["lines"] == 2 * len(model.nodes.lines)
+    np.testing.assert_array_equal([xyz[faces].min((0, 1)), xyz[faces].max((0, 1))], [[0] * 3, [1] * 3])
+    corners = xyz[faces]
+    normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) / 2
+    np.testing.assert_allclose(normals.sum(axis=0), 0, atol=1e-12)
+    assert np.sum(normals * corners.mean(axis=1)) / 3 == pytest.approx(1, abs=0.02)

@@ -288,13 +288,19 @@ def test_faces_of_many_nodes_are_told_apart():
     assert first != second == third
 
 
-def test_the_picture_of_a_block_has_the_edges_of_its_surface():
-    model = solid(box("hexahedron20", (2, 2, 2)), UNIT)
-    assert (
-        len(model.nodes.lines) == 12 * 2 * 2
-    )  # each face has 12 edges, half of those at its rim: 6 * 12 - 24
-    xyz = model.nodes.xyz
-    assert {round(float(np.linalg.norm(xyz[a - 1] - xyz[b - 1])), 9) for a, b in model.nodes.lines} == {0.5}
+@pytest.mark.parametrize("kind", ["hexahedron20", "wedge", "tetra"])
+def test_the_picture_of_a_block_has_the_faces_of_its_surface(kind):
+    """Their areas add up to that of the unit cube, and all face outwards."""
+    model = solid(box(kind, (2, 2, 2)), UNIT)
+    area, volume = 0.0, 0.0
+    for face in model.nodes.lines:
+        corners = model.nodes.xyz[[model.nodes.places[node] for node in face]]
+        normal = np.cross(corners[2] - corners[0], corners[-1] - corners[1]) / 2
+        if len(face) == 3:
+            normal = np.cross(corners[1] - corners[0], corners[2] - corners[0]) / 2
+        area += np.linalg.norm(normal)
+        volume += normal @ corners.mean(axis=0) / 3
+    assert (area, volume) == pytest.approx((6.0, 1.0), rel=1e-12)
 
 
 def test_doubts():

@@ -20,7 +20,7 @@ from dynid.errors import FileError
 from dynid.files.coordinate_systems import BASIC, CoordinateSystem
 from dynid.files.fe_text import Reference, check_reference, open_included, real
 from dynid.files.matrix_data import COMPLEX, Container, ImportedMatrix
-from dynid.files.mesh_data import corners, edges
+from dynid.files.mesh_data import corners, outlines
 from dynid.files.untrusted import read_errors
 from dynid.number_format import counted
 from dynid.structure.dof_order import DofOrder, NodeFile
@@ -82,7 +82,7 @@ def nodes_of(path: Path, cards: Mapping[str, Sequence[Card]], orders: Sequence[D
         for name, (shape, first) in _ELEMENTS.items()
         for card in cards.get(name, ())
     )
-    lines = {edge for shape, ends in elements if physical.keys() >= {*ends} for edge in edges(shape, ends)}
+    drawn = outlines((shape, ends) for shape, ends in elements if physical.keys() >= {*ends})
     components = {**dict.fromkeys(grids, "123456"), **dict.fromkeys(scalars, "0")}
     components |= {node: "0" for node in grids if node not in physical}
     dof_orders = [*orders, *_orders(cards, components)]
@@ -99,7 +99,7 @@ def nodes_of(path: Path, cards: Mapping[str, Sequence[Card]], orders: Sequence[D
     if held:
         listed = ", ".join(f"{count} {name}" for name, count in held.items())
         notes.append(f"constraints, which are not applied: {listed}")
-    nodes = Nodes(tuple(numbers), xyz, axes, {}, tuple(sorted(lines)), tuple(notes))
+    nodes = Nodes(tuple(numbers), xyz, axes, {}, drawn, tuple(notes))
     return NodeFile(nodes, tuple(dof_orders))
 
 

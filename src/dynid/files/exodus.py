@@ -1,4 +1,4 @@
-"""Exodus files (`.exo`, `.e`, `.g`): nodes, node sets, edges of elements, modes.
+"""Exodus files (`.exo`, `.e`, `.g`): nodes, node sets, outlines of elements, modes.
 
 Exodus is netCDF: of version 3, read by SciPy, or HDF5. Source: L. A. Schoof, V. R. Yarberry, "EXODUS II: A
 Finite Element Data Model", SAND92-2137, 1994.
@@ -15,7 +15,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import FileError
-from dynid.files.mesh_data import edges
+from dynid.files.mesh_data import outlines
 from dynid.files.untrusted import check_claim, read_errors
 from dynid.hdf5 import check_stored, open_hdf5
 from dynid.structure.dof_order import ModeShapes, NodeFile
@@ -28,8 +28,8 @@ _SHAPES = {
     "TET": "tetrahedron", "TETRA": "tetrahedron", "PYRAMID": "pyramid", "WEDGE": "wedge", "PENTA": "wedge",
     "HEX": "hexahedron", "HEXAHEDRON": "hexahedron",
 }  # fmt: skip
-# The most edges that are kept to be drawn.
-_MOST_LINES = 1_000_000
+# The most lines and faces that are kept to be drawn.
+_MOST_OUTLINES = 1_000_000
 
 
 def read_nodes(path: Path) -> NodeFile:
@@ -39,7 +39,8 @@ def read_nodes(path: Path) -> NodeFile:
         if not len(xyz):
             raise FileError(f"{path} has no nodes")
         numbers = _values(stored, "node_num_map", np.arange(1, len(xyz) + 1)).astype(int).tolist()
-        nodes = Nodes(tuple(numbers), xyz, {}, dict(_sets(stored, numbers)), tuple(_lines(stored, numbers)))
+        drawn = outlines(_elements(stored, numbers), _MOST_OUTLINES)
+        nodes = Nodes(tuple(numbers), xyz, {}, dict(_sets(stored, numbers)), drawn)
         return NodeFile(nodes, (), modes=_modes(stored, len(xyz)))
 
 
@@ -116,8 +117,7 @@ def _sets(stored: _Stored, numbers: list[int]) -> Iterator[tuple[str, tuple[int,
             yield name or str(number), tuple(numbers[member - 1] for member in members)
 
 
-def _lines(stored: _Stored, numbers: list[int]) -> list[tuple[int, int]]:
-    pairs: set[tuple[int, int]] = set()
+def _elements(stored: _Stored, numbers: list[int]) -> Iterator[tuple[str, list[int]]]:
     for block in range(1, 1 + len(_values(stored, "eb_prop1", np.empty(0)))):
         name = f"connect{block}"
         if name not in stored.variables:
@@ -126,10 +126,7 @@ def _lines(stored: _Stored, numbers: list[int]) -> list[tuple[int, int]]:
         if shape is None:
             continue
         for element in stored.array(name).tolist():
-            pairs.update(edges(shape, [numbers[node - 1] for node in element]))
-            if len(pairs) > _MOST_LINES:
-                return []
-    return sorted(pairs)
+            yield shape, [numbers[node - 1] for node in element]
 
 
 def _modes(stored: _Stored, n: int) -> ModeShapes | None:

@@ -1,4 +1,4 @@
-"""Input files of Abaqus and CalculiX (`.inp`): nodes, node sets, edges of elements; constraints are counted.
+"""Input files of Abaqus and CalculiX (`.inp`): nodes, node sets, elements to draw; constraints are counted.
 
 Source: Dassault Systèmes, "Abaqus Keywords Reference"; G. Dhondt, "CalculiX CrunchiX User's Manual", 2.20.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from dynid.errors import FileError
 from dynid.files.fe_text import Reference, check_reference, open_included, real
-from dynid.files.mesh_data import corners, edges
+from dynid.files.mesh_data import corners, outlines
 from dynid.files.untrusted import read_errors
 from dynid.number_format import counted
 from dynid.structure.dof_order import NodeFile
@@ -87,10 +87,8 @@ def read_nodes(path: Path, reference: Reference = check_reference) -> NodeFile:
             name: tuple(dict.fromkeys(node for node in members if node in places))
             for name, members in sets.named.items()
         }
-        lines = {edge for shape, ends in elements if places.keys() >= {*ends} for edge in edges(shape, ends)}
-        return NodeFile(
-            Nodes(tuple(numbers), xyz, {}, node_sets, tuple(sorted(lines)), tuple(_notes(held))), ()
-        )
+        drawn = outlines((shape, ends) for shape, ends in elements if places.keys() >= {*ends})
+        return NodeFile(Nodes(tuple(numbers), xyz, {}, node_sets, drawn, tuple(_notes(held))), ())
 
 
 def _notes(held: Counter[str]) -> Iterator[str]:

@@ -1,14 +1,15 @@
-"""Meshes as files hold them, before their solids are chosen, and the edges of elements."""
+"""Meshes as files hold them, before their solids are chosen, and the outlines of elements."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from dynid.arrays import Array
-from dynid.structure.solid_elements import Places
+from dynid.structure.labels import Outline
+from dynid.structure.solid_elements import ELEMENTS, Places
 
 
 class MeshData(NamedTuple):
@@ -28,27 +29,36 @@ def members(rows: Iterable[int]) -> Places:
     return np.unique(np.asarray([*rows], dtype=np.intp))
 
 
-_TRIANGLE, _SQUARE = ((0, 1), (1, 2), (2, 0)), ((0, 1), (1, 2), (2, 3), (3, 0))
-
-_EDGES: dict[str, tuple[tuple[int, int], ...]] = {
+#: The outlines of elements by their corners: the line of a beam, the faces of others.
+_OUTLINES: dict[str, tuple[tuple[int, ...], ...]] = {
     "line": ((0, 1),),
-    "triangle": _TRIANGLE,
-    "quadrilateral": _SQUARE,
-    "tetrahedron": (*_TRIANGLE, (0, 3), (1, 3), (2, 3)),
-    "pyramid": (*_SQUARE, (0, 4), (1, 4), (2, 4), (3, 4)),
-    "wedge": (*_TRIANGLE, (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)),
-    "hexahedron": (*_SQUARE, (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+    "triangle": ((0, 1, 2),),
+    "quadrilateral": ((0, 1, 2, 3),),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+    "tetrahedron": ELEMENTS["tetra"].faces,
+    "wedge": ELEMENTS["wedge"].faces,
+    "hexahedron": ELEMENTS["hexahedron"].faces,
 }
 
 
 def corners(shape: str) -> int:
     """Return the number of corners of an element."""
-    return 1 + max(map(max, _EDGES[shape]))
+    return 1 + max(map(max, _OUTLINES[shape]))
 
 
-def edges(shape: str, nodes: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Yield the edges of an element between its corners, the smaller node first; none of too few nodes."""
-    if len(nodes) >= corners(shape):
-        for a, b in _EDGES[shape]:
-            start, end = nodes[a], nodes[b]
-            yield (start, end) if start < end else (end, start)
+def outlines(elements: Iterable[tuple[str, Sequence[int]]], most: int | None = None) -> tuple[Outline, ...]:
+    """Return the lines of beams and the faces of shells and solids, but for those between two solids.
+
+    `elements`: shape and nodes of each; those with too few nodes have none. None of more than `most`.
+    """
+    thin, solid = (dict[frozenset[int], Outline]() for _ in range(2))
+    for shape, nodes in elements:
+        drawn = solid if len(_OUTLINES[shape]) > 1 else thin
+        for places in _OUTLINES[shape] if len(nodes) >= corners(shape) else ():
+            outline = tuple(dict.fromkeys(nodes[place] for place in places))  # elements may be collapsed
+            ends = frozenset(outline)
+            if len(outline) >= min(3, len(places)):
+                drawn[ends] = () if ends in solid else outline
+        if most is not None and len(thin) + len(solid) > most:
+            return ()
+    return tuple(sorted(filter(None, (solid | thin).values())))

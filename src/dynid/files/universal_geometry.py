@@ -17,7 +17,7 @@ from dynid.files.coordinate_systems import BASIC, CoordinateSystem
 from dynid.files.table import DataFile
 from dynid.files.universal_file import UniversalFile
 from dynid.structure.dof_order import NodeFile
-from dynid.structure.labels import DIRECTIONS, Nodes
+from dynid.structure.labels import DIRECTIONS, Nodes, Outline
 
 #: Types of coordinate systems in data sets 18 and 2420.
 _KINDS: dict[int, Literal["cartesian", "cylindrical"]] = {0: "cartesian", 1: "cylindrical"}
@@ -25,7 +25,7 @@ _KINDS: dict[int, Literal["cartesian", "cylindrical"]] = {0: "cartesian", 1: "cy
 _UNDEFINED = (0, 1)
 #: How far the axes of a system may be from orthonormal: data sets 18 have six digits.
 _ORTHONORMAL_TOL = 1e-4
-#: Descriptors of shell elements in data sets 2412, whose edges are drawn; those of two nodes are lines.
+#: Descriptors of shell elements in data sets 2412, whose faces are drawn; those of two nodes are lines.
 _SHELLS = range(41, 100)
 
 
@@ -85,7 +85,7 @@ def _nodes(source: UniversalFile) -> Nodes:
         if not np.array_equal(rows, np.eye(3)):
             axes[node] = rows
     xyz_m = np.array([point for point, _ in placed.values()]).reshape(-1, 3) / source.units().length
-    lines = [line for line in _lines(source) if placed.keys() >= set(line) and line[0] != line[1]]
+    lines = [line for line in _lines(source) if placed.keys() >= set(line) and len(set(line)) == len(line)]
     return Nodes(tuple(placed), xyz_m, axes, {}, tuple(dict.fromkeys(lines)))
 
 
@@ -168,8 +168,8 @@ def _checked(file: DataFile, number: int, kind: int, origin: Array, axes: Iterab
     return CoordinateSystem(np.asarray(origin, dtype=float), left @ right, _KINDS[kind])
 
 
-def _lines(source: UniversalFile) -> Iterable[tuple[int, int]]:
-    """Yield the edges to draw: trace lines, beams, and the outlines of shells."""
+def _lines(source: UniversalFile) -> Iterable[Outline]:
+    """Yield the lines and faces to draw: trace lines, beams, and shells."""
     file = source.file
     for data_set in source.sets(82):
         trace = [_whole(file, number, "node number") for number in data_set["nodes"]]
@@ -185,10 +185,8 @@ def _lines(source: UniversalFile) -> Iterable[tuple[int, int]]:
                 for element in elements
             ):
                 nodes = element["nodes_nums"]
-                if len(nodes) == 2:
-                    yield nodes[0], nodes[1]
-                elif element["fe_descriptor"] in _SHELLS and len(nodes) in (3, 4):
-                    yield from zip(nodes, [*nodes[1:], nodes[0]], strict=True)
+                if len(nodes) == 2 or (element["fe_descriptor"] in _SHELLS and len(nodes) in (3, 4)):
+                    yield tuple(nodes)
 
 
 #: Analyses whose results are modes: normal ones, and complex ones of first and second order.

@@ -42,6 +42,15 @@ COLOURS: dict[str, tuple[str, str]] = {
     "s6": ("#2b93cf", "#8ccbf2"),
     "s7": ("#5f6670", "#b4bac2"),
 }
+#: Faces of surfaces, from those that face the light to those that lie along it.
+FACES: dict[str, tuple[str, str]] = {
+    "f1": ("#eef2f6", "#56616d"),
+    "f2": ("#dfe6ed", "#4a545f"),
+    "f3": ("#cfd8e1", "#3e4751"),
+    "f4": ("#bfcad5", "#333b44"),
+    "f5": ("#aebbc8", "#292f37"),
+}
+COLOURS |= FACES
 SERIES = tuple(name for name in COLOURS if re.fullmatch(r"s\d", name))
 #: Dashes of series, which distinguish them without colour.
 _DASHES = ("none", "7 3", "2 3", "9 3 2 3", "5 2", "1 2", "12 4")
@@ -89,6 +98,8 @@ def css() -> str:
         rules[f".{name}.band"] = f"fill: {colour(name)}; fill-opacity: .18; stroke: none"
         rules[f"text.{name}"] = f"fill: {colour(name)}; stroke: none"
     rules[".halo"] = f"paint-order: stroke; stroke: {colour('paper')}; stroke-width: 3px"
+    for name in FACES:
+        rules[f"path.{name}"] = f"fill: {colour(name)}; stroke-linejoin: round"
     rules["path.fine"] = f"stroke-width: {LINE:g}"
     rules[".hollow"] = f"fill: {colour('paper')}"
     rules[".tick"] = f"fill: {muted}"

@@ -21,7 +21,7 @@ from dynid.number_format import counted
 from dynid.parameters import Parameter
 from dynid.structure.damping import ModalDamping, ModalPart, ProportionalDamping
 from dynid.structure.joints import Joint
-from dynid.structure.labels import Label, Node, Nodes
+from dynid.structure.labels import Label, Node, Nodes, Outline
 from dynid.structure.matrices import DependentMatrix, Matrix, as_array
 from dynid.structure.model import StructuralModel, Term
 
@@ -332,7 +332,7 @@ def _nodes(parts: Mapping[str, Nodes]) -> Nodes | None:
     numbers: list[Node] = []
     axes: dict[Node, Array] = {}
     sets: dict[str, tuple[Node, ...]] = {}
-    lines: list[tuple[Node, Node]] = []
+    lines: list[Outline] = []
     for name, nodes in parts.items():
         numbers += [part_name(name, node) for node in nodes.numbers]
         axes |= {part_name(name, node): own_axes for node, own_axes in nodes.axes.items()}
@@ -340,7 +340,7 @@ def _nodes(parts: Mapping[str, Nodes]) -> Nodes | None:
             part_name(name, set_name): tuple(part_name(name, node) for node in listed)
             for set_name, listed in nodes.sets.items()
         }
-        lines += [(part_name(name, first), part_name(name, last)) for first, last in nodes.lines]
+        lines += [tuple(part_name(name, node) for node in line) for line in nodes.lines]
     xyz = np.concatenate([nodes.xyz for nodes in parts.values()])
     notes, doubts = (
         tuple(f"{name}: {said}" for name, nodes in parts.items() for said in getattr(nodes, which))

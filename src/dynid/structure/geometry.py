@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -14,8 +15,10 @@ from dynid.structure.labels import DIRECTIONS, Label, node_direction
 from dynid.structure.model import StructuralModel
 
 GROUP = "structure/geometry"
-#: Most lines that are kept of a mesh, evenly spaced; most modes.
-MOST_LINES, MOST_MODES = 6000, 12
+#: Most lines that are kept of a mesh, evenly spaced; most faces; most modes.
+MOST_LINES, MOST_FACES, MOST_MODES = 6000, 4000, 12
+#: Cells along a mesh that is drawn coarser, at first, and the largest ratio to the next try.
+_CELLS, _FEWER_CELLS = 256, 0.95
 
 
 class Place(NamedTuple):
@@ -70,25 +73,36 @@ def geometry(
     -------
     Result
         ``structure/geometry/``: `node`, `position` (node x xyz), `edge` (line x end: places of the two nodes
-        in `node`, from 0), `held` (node x direction x y z of the node's own axes); `sensor`, `load`, each
-        with `_position`, `_direction` (… x xyz) and `_turns` (a rotation); `joint`, `joint_position` (joint x
-        end x xyz; of one to ground both ends are the same). Of large meshes the outer lines and their nodes;
-        the attribute `lines` of the group counts all.
+        in `node`, from 0), `face` (face x corner: likewise, of triangles the last one twice), `held` (node x
+        direction x y z of the node's own axes); `sensor`, `load`, each with `_position`, `_direction` (… x
+        xyz) and `_turns` (a rotation); `joint`, `joint_position` (joint x end x xyz; of one to ground both
+        ends are the same). Of large meshes the outer lines and a coarser surface, with their nodes; the
+        attribute `lines` of the group counts all.
     """
     result, nodes = Result("structure"), model.nodes
     if nodes is None:
         return result
-    node_pairs = np.array([[nodes.places[a], nodes.places[b]] for a, b in nodes.lines], dtype=np.int64)
-    edges = outer_lines(node_pairs.reshape(-1, 2), MOST_LINES)
+    drawn = [[nodes.places[node] for node in line] for line in nodes.lines]
+    lines, triangles, squares = (
+        np.array([line for line in drawn if len(line) == size], dtype=np.int64).reshape(-1, size)
+        for size in (2, 3, 4)
+    )
+    all_faces = np.concatenate([triangles[:, [0, 1, 2, 2]], squares])
+    faces = coarser(all_faces, nodes.xyz, MOST_FACES)
+    count = len(np.unique(np.sort(np.concatenate([lines, sides_of(all_faces)]), axis=1), axis=0))
+    sides = np.unique(np.sort(sides_of(faces), axis=1), axis=0)
+    edges = outer_lines(np.concatenate([lines, sides]), MOST_LINES)
     rows = np.arange(len(nodes.numbers))
     if len(edges) and len(rows) > MOST_LINES:
-        rows = np.unique(edges)
+        rows = np.unique(np.concatenate([edges.ravel(), faces.ravel()]))
     numbers = [nodes.numbers[row] for row in rows]
     result.add_axis(f"{GROUP}/xyz", ["x", "y", "z"])
     result.add_axis(f"{GROUP}/node", [str(node) for node in numbers])
     result.add(f"{GROUP}/position", nodes.xyz[rows], ("node", "xyz"), "m")
     result.add(f"{GROUP}/edge", np.searchsorted(rows, edges), ("line", "end"))
-    result.annotate(GROUP, lines=len(nodes.lines))
+    if len(faces):
+        result.add(f"{GROUP}/face", np.searchsorted(rows, faces), ("face", "corner"))
+    result.annotate(GROUP, lines=count)
     if supports:  # displacements that are no DOFs although other nodes have them
         free = {node_direction(label) for label in (*model.dofs, *model.motions)}
         ways = [way for way in DIRECTIONS[:3] if any(dof and dof[1] == way for dof in free)]
@@ -117,6 +131,30 @@ def outer_lines(edges: NDArray[np.int64], max_lines: int) -> NDArray[np.int64]:
         return edges
     neighbours = np.bincount(edges.ravel())[edges].sum(axis=1)
     return edges[np.sort(np.argsort(neighbours, kind="stable")[:max_lines])]
+
+
+def sides_of(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the sides of faces (m x 4), each as often as faces have it."""
+    sides = np.concatenate([faces[:, [k, (k + 1) % 4]] for k in range(4)])
+    return np.asarray(sides[sides[:, 0] != sides[:, 1]])
+
+
+def coarser(faces: NDArray[np.int64], xyz: Array, max_faces: int) -> NDArray[np.int64]:
+    """Return at most so many faces (m x 4): of more, nodes in a cell of a cubic grid become one of them.
+
+    Source: J. Rossignac, P. Borrel, "Multi-resolution 3D approximations for rendering", 1993.
+    """
+    coarse, cells = faces, float(_CELLS)
+    while len(coarse) > max_faces:
+        at = np.floor((xyz - xyz.min(axis=0)) * (cells / np.ptp(xyz, axis=0).max())).astype(np.int64)
+        places = at @ [(2 * _CELLS) ** 2, 2 * _CELLS, 1]
+        _, first, cell = np.unique(places, return_index=True, return_inverse=True)
+        moved = first[cell][faces]
+        ends = np.sort(moved, axis=1)
+        _, kept = np.unique(ends, axis=0, return_index=True)
+        coarse = moved[np.sort(kept[(np.diff(ends[kept], axis=1) > 0).sum(axis=1) > 1])]
+        cells *= min(_FEWER_CELLS, math.sqrt(max_faces / max(len(coarse), 1)))
+    return coarse
 
 
 def add_places(result: Result, model: StructuralModel, what: str, named: Iterable[tuple[str, Label]]) -> None:

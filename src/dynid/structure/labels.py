@@ -27,6 +27,8 @@ Label: TypeAlias = int | str
 """The own label of a DOF, or another name of it."""
 
 Node: TypeAlias = int | str
+#: Two nodes are a line, three or four the corners of a face.
+Outline: TypeAlias = tuple[Node, ...]
 """A node: its number, or in assemblies of several parts a text such as ``arm.20``."""
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -268,7 +270,7 @@ class Nodes:
     # coordinates; nodes that are absent have the basic ones.
     axes: Mapping[Node, Array] = field(default_factory=dict)
     sets: Mapping[str, tuple[Node, ...]] = field(default_factory=dict)  # named sets of nodes
-    lines: tuple[tuple[Node, Node], ...] = ()  # pairs of nodes: edges to draw
+    lines: tuple[Outline, ...] = ()  # lines and faces to draw
     # What else their file says, in words: coordinate systems, constraints that are not applied.
     notes: tuple[str, ...] = ()
     # Sentences on what contradicts the nodes, does not confirm them, or makes their model inaccurate.

@@ -110,7 +110,11 @@ def solid(
             for name, members in sets.items()
             if len(members)
         },
-        lines=tuple((numbers[a], numbers[b]) for a, b in compact[outer.edges].tolist()),
+        lines=tuple(
+            tuple(numbers[corner] for corner in face)
+            for faces in outer.faces
+            for face in compact[faces].tolist()
+        ),
         doubts=(*mesh.doubts, *_doubts(mesh, layers, outer.parts)),
     )
     C = DependentMatrix(nothing(len(labels), sparse=len(labels) > DENSE_STRUCTURES.value))

@@ -47,11 +47,11 @@ class SolidMesh:
 class _Surface(NamedTuple):
     """Properties of a mesh that its faces show.
 
-    `edges`: edges of the outer faces, between corners (places, m x 2); `parts`: of each element, block by
-    block, the part that it belongs to: elements of a part are joined by faces.
+    `faces`: the outer faces by their corners (places, m x 3 or 4, kind by kind); `parts`: of each element,
+    block by block, the part that it belongs to: elements of a part are joined by faces.
     """
 
-    edges: Places
+    faces: tuple[Places, ...]
     parts: NDArray[np.int32]
 
 
@@ -102,7 +102,7 @@ def _refuse(mesh: SolidMesh, block: Block, at: int, what: str) -> None:
 
 
 def surface(mesh: SolidMesh) -> _Surface:
-    """Return the edges of a mesh's surface, and its parts.
+    """Return the faces of a mesh's surface, and its parts.
 
     Raises UsageError if more than two elements share a face.
     """
@@ -136,13 +136,8 @@ def surface(mesh: SolidMesh) -> _Surface:
     pairs = order[np.repeat(times == 2, times)].reshape(-1, 2)
     links = coo_array((np.ones(len(pairs)), owner[pairs].T), shape=(elements, elements))
     parts = connected_components(links, directed=False)[1]
-    outer, at, edges = times[inverse] == 1, 0, []
-    for nodes in corners:
-        free = nodes[outer[at : at + len(nodes)]]
-        at += len(nodes)
-        edges += [free[:, [k, (k + 1) % nodes.shape[1]]] for k in range(nodes.shape[1])]
-    low, high = np.sort(np.concatenate(edges), axis=1).T
-    return _Surface(np.column_stack(np.divmod(np.unique(low * count + high), count)), parts)
+    outer = np.split(times[inverse] == 1, np.cumsum([len(nodes) for nodes in corners])[:-1])
+    return _Surface(tuple(nodes[free] for nodes, free in zip(corners, outer, strict=True)), parts)
 
 
 def doubled_nodes(xyz: Array) -> int:

@@ -160,6 +160,8 @@ _LABEL = re.compile(r"(u|w|theta)_(\d+)")
 #: Points of lines at rest and their displacements, on the paper.
 Lines = Sequence[tuple[Array, Array]]
 _LinesOf = Callable[[int], Lines]
+#: Faces of a mode whose displacements are multiplied by a number, farthest first, and their shades.
+_FacesOf = Callable[[int, float], Sequence[tuple[Array, str]]]
 #: Most lines that are drawn one by one, in all modes together, and of measured shapes.
 _LINES_APART, MOST_LINES, _MEASURED_LINES = 60, 6300, 700
 
@@ -168,15 +170,15 @@ def mode_shapes(result: Result) -> Iterator[Figure]:
     """Yield the mode shapes, still and animated."""
     if not result[f"{_COMPUTED}/shape"].data.size:
         return
-    lines = _lines_by(result)
-    if lines is None:
+    drawn = _drawn_by(result)
+    if drawn is None:
         return
-    yield Figure("modes", "Mode shapes", partial(_picture, result, *lines, False))
-    yield Figure("modes-animated", "Mode shapes, animated", partial(_picture, result, *lines, True))
+    yield Figure("modes", "Mode shapes", partial(_picture, result, *drawn, False))
+    yield Figure("modes-animated", "Mode shapes, animated", partial(_picture, result, *drawn, True))
 
 
-def _lines_by(result: Result) -> tuple[_LinesOf, bool] | None:
-    """Return the function that gives the lines in a mode, and whether their points are masses.
+def _drawn_by(result: Result) -> tuple[_LinesOf, _FacesOf, bool] | None:
+    """Return the functions that give the lines and faces in a mode, and whether points are masses.
 
     None without geometry. Of a scene's chain, beam or plane frame with all its DOFs they follow from these,
     else from the motion of the nodes that the result holds.
@@ -184,15 +186,19 @@ def _lines_by(result: Result) -> tuple[_LinesOf, bool] | None:
     geometry = geometry_of(scene_of(result))
     labels = texts(result, f"{_COMPUTED}/dof")
     if geometry is not None and labels == [str(label) for label in geometry.labels]:
-        return lambda mode: _bent(geometry, result, mode), not geometry.members
+        return lambda mode: _bent(geometry, result, mode), lambda *_: (), not geometry.members
     if f"{SPACE}/displacement" not in result:
         return None
     space = Space(result)
     limit = MOST_LINES // min(len(result[f"{SPACE}/displacement"].data), _MODES)
-    return lambda mode: space.polylines(mode, limit), False
+    return (
+        lambda mode: space.polylines(mode, limit),
+        lambda mode, reach: space.surface(mode, reach, limit // 2),
+        False,
+    )
 
 
-def _picture(result: Result, lines_of: _LinesOf, dots: bool, animated: bool) -> Picture:
+def _picture(result: Result, lines_of: _LinesOf, faces_of: _FacesOf, dots: bool, animated: bool) -> Picture:
     omega, shapes = result[f"{_COMPUTED}/omega"].data, result[f"{_COMPUTED}/shape"].data
     damping = result.get(f"{_COMPUTED}/damping")
     unit, points = frequency_unit(result), np.concatenate([rest for rest, _ in lines_of(0)])
@@ -207,7 +213,7 @@ def _picture(result: Result, lines_of: _LinesOf, dots: bool, animated: bool) -> 
         heading = f"mode {mode + 1}: {short(unit.factor * float(omega[mode]))} {unit.name}"
         if damping is not None and np.isfinite(damping.data[mode]):
             heading += f", ζ {short(float(damping.data[mode]), 2)}"
-        _draw_shape(grid, mode, heading, lines_of(mode), animated=animated, dots=dots)
+        _draw_shape(grid, mode, heading, lines_of(mode), faces_of, animated=animated, dots=dots)
     state = (
         "animated in slow motion, still where the system requests less motion"
         if animated
@@ -257,12 +263,20 @@ def _bent(geometry: StructureGeometry, result: Result, mode: int) -> Lines:
 
 
 def _draw_shape(
-    grid: ShapeGrid, mode: int, heading: str, lines: Lines, *, animated: bool, dots: bool
+    grid: ShapeGrid,
+    mode: int,
+    heading: str,
+    lines: Lines,
+    faces_of: _FacesOf,
+    *,
+    animated: bool,
+    dots: bool,
 ) -> None:
     """Draw the structure at rest and displaced; the largest displacement has a fixed length."""
     svg, placed = grid.svg, grid.place(mode, heading)
     largest = max(float(np.abs(by).max()) for _, by in lines) or 1.0
     reach = SPAN / grid.scale / largest
+    faces = () if animated else faces_of(mode, reach)
     together = len(lines) > _LINES_APART
     rests, theres, backs = (
         [path_of(placed(rest + sign * reach * by)) for rest, by in lines] for sign in (0, 1, -1)
@@ -275,8 +289,10 @@ def _draw_shape(
         if animated:
             style = f"--there: path('{there}'); --back: path('{back}')"
             svg.element("path", f"{cls} {svg.name}-swing{mode}", d=there, style=style)
-        else:
+        elif not faces:
             svg.element("path", cls, d=there)
+    for corners, shade in faces:
+        svg.element("path", f"hair {shade}", d=path_of(placed(corners), closed=True))
     for still, by in lines if dots and not animated else ():
         for x, y in placed(still + reach * by):
             svg.circle(x, y, 3.5, "s1 dot")

@@ -10,13 +10,14 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.report.drawing.structure import pin, plane_geometry
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
-from dynid.report.svg import SMALL, Point, Svg, path_of, text_width
+from dynid.report.svg import FACES, SMALL, Point, Svg, path_of, text_width
 from dynid.result import Result
-from dynid.structure.geometry import outer_lines
+from dynid.structure.geometry import coarser, outer_lines, sides_of
 
 GROUP = "structure/geometry"
 #: Azimuth and elevation of the eye, degrees.
@@ -25,6 +26,8 @@ _AZIMUTH, _ELEVATION = -60.0, 22.0
 _WIDTH, _HEIGHT, _ARROW, _NUMBERED, _WRITTEN = 620.0, 440.0, 30.0, 26, 40
 #: Margin, px; most lines that are bold, and nodes that are drawn.
 _PAD, _FEW = 24.0, 200
+#: Direction of the light, from the eye: right, up, towards it.
+_LIGHT = np.array([-0.4, 0.6, 0.7])
 #: Points along a line that bends; most lines that are bent, and that are drawn.
 _FINE, _BENT, _MOST = 8, 400, 6000
 
@@ -37,6 +40,7 @@ class Space:
         self.nodes = [str(name) for name in result[f"{GROUP}/node"].data]
         self.position = self.array("position", 3)
         self.edges = result[f"{GROUP}/edge"].data
+        self.faces = self.array("face", 4).astype(int)
         self.lines = int(result.group_attrs.get(GROUP, {}).get("lines", len(self.edges)))
 
     def array(self, name: str, width: int) -> Array:
@@ -74,18 +78,50 @@ class Space:
         """Return points or displacements (… x 3) on the paper (… x 2), y upwards."""
         return np.asarray(points @ self.view.T)
 
-    def polylines(self, mode: int | None = None, limit: int = _MOST) -> list[tuple[Array, Array]]:
+    def surface(
+        self, mode: int | None = None, reach: float = 0.0, limit: int | None = None
+    ) -> list[tuple[Array, str]]:
+        """Return the faces of a structure on the paper, displaced in a mode times `reach`, and their shades.
+
+        The farthest come first, so that nearer ones cover them; of a closed surface those that face away are
+        left out. Of more than so many, a coarser surface.
+        """
+        moved = reach * self.array("displacement", 3)[mode] if mode is not None else 0.0
+        faces = self.faces if limit is None else coarser(self.faces, self.position, limit)
+        axes = np.vstack([self.view, np.cross(*self.view)])
+        corners = (self.position + moved)[faces] @ axes.T  # to the right, up, towards the eye
+        normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        sizes = np.linalg.norm(normals, axis=1) * np.linalg.norm(_LIGHT)
+        lit = np.abs(normals @ _LIGHT) / np.where(sizes > 0, sizes, 1.0)
+        shades = [*FACES]
+        steps = np.minimum((1 - lit) * len(shades), len(shades) - 1).astype(int)
+        order = np.argsort(corners[..., 2].mean(axis=1), kind="stable")
+        _, times = np.unique(np.sort(sides_of(faces), axis=1), axis=0, return_counts=True)
+        if len(times) and not (times % 2).any():
+            volume = np.sum(normals * corners.mean(axis=1))  # its sign says which way the faces are numbered
+            order = order[(np.sign(volume) * normals[:, 2])[order] > 0]
+        return [(corners[face, :, :2], shades[steps[face]]) for face in order.tolist()]
+
+    @cached_property
+    def beams(self) -> NDArray[np.int64]:
+        """The lines that are no sides of faces (line x end)."""
+        drawn = set(map(tuple, np.sort(sides_of(self.faces), axis=1).tolist()))
+        return self.edges[[tuple(sorted(edge)) not in drawn for edge in self.edges.tolist()]]
+
+    def polylines(
+        self, mode: int | None = None, limit: int = _MOST, edges: NDArray[np.int64] | None = None
+    ) -> list[tuple[Array, Array]]:
         """Return lines at rest, and their displacements in a mode, on the paper; beams bend (Hermite).
 
-        Of more than so many lines, the outer ones.
+        Of more than so many lines, the outer ones. `edges`: the lines (line x end); default: all.
         """
-        edges = outer_lines(self.edges, limit)
+        edges = outer_lines(self.edges if edges is None else edges, limit)
         moved, turned = np.zeros_like(self.position), None
         if mode is not None:
             moved, rotation = self.array("displacement", 3)[mode], self.array("rotation", 3)
             turned = rotation[mode] if len(rotation) and len(edges) <= _BENT else None
         flat, flatly = self.flat(self.position), self.flat(moved)
-        if not len(edges):  # nodes without lines are short strokes
+        if not len(edges) and not len(self.faces):  # nodes without lines are short strokes
             stroke = np.array([[-1.0, 0.0], [1.0, 0.0]]) * 0.008 * (np.ptp(flat, axis=0).max() or 1.0)
             return [(point + stroke, by + 0 * stroke) for point, by in zip(flat, flatly, strict=True)]
         chains: list[list[int]] = []
@@ -183,19 +219,23 @@ class _SpaceDrawing:
 
     def _draw_lines(self) -> None:
         space, svg = self.space, self.svg
-        paths = [path_of(self._placed(rest)) for rest, _ in space.polylines() if len(rest) > 1]
+        surface = space.surface()
+        for corners, shade in surface:
+            svg.element("path", f"hair {shade}", d=path_of(self._placed(corners), closed=True))
+        beams = [rest for rest, _ in space.polylines(edges=space.beams) if len(rest) > 1]
         if len(space.edges) <= _FEW:
             for a, b in space.edges.tolist():
                 self._keep_clear(self.at(space.position[a]), self.at(space.position[b]))
-        if paths:
-            svg.element("path", "bond" if len(space.edges) <= _FEW else "hair", d="".join(paths))
+        if beams:
+            drawn = "".join(path_of(self._placed(rest)) for rest in beams)
+            svg.element("path", "bond" if len(space.edges) <= _FEW else "hair", d=drawn)
         flat = space.flat(space.position)
         few = len(flat) <= _FEW
         extreme = {int(pick(flat[:, axis])) for pick in (np.argmin, np.argmax) for axis in (0, 1)}
-        for node in range(len(flat)) if few or not paths else extreme:
+        for node in range(len(flat)) if few or not (beams or surface) else extreme:
             x, y = self.at(space.position[node])
             self.boxes.append((x, y, x, y))
-            if few or not paths:
+            if (few and not surface) or not (beams or surface):
                 svg.circle(x, y, 2.2, "solid")
 
     def _keep_clear(self, start: Point, end: Point) -> None:

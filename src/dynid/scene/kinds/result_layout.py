@@ -244,8 +244,8 @@ LAYOUT: dict[str, str] = {
         "time joint law deflection rate force work regime events steps change energy_residual note"
     ),
     "structure/geometry": (
-        "xyz node position edge end lines held joint joint_position mode displacement rotation sensor "
-        "sensor_position sensor_direction sensor_turns load load_position load_direction load_turns "
+        "xyz node position edge end face corner lines held joint joint_position mode displacement rotation "
+        "sensor sensor_position sensor_direction sensor_turns load load_position load_direction load_turns "
         "shape_sensor shape_sensor_position shape_sensor_direction shape_sensor_turns"
     ),
     "reduction": "method dof solver seconds peak_megabytes doubt",
