@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import pytest
 
 from dynid.errors import FileError, NumericalError
 from dynid.store import read_result
-from dynid.study import work
+from dynid.study import executors, scheduler, work
 from dynid.study.executors import ProcessExecutor, SerialExecutor, make_executor
 from dynid.study.run import run_study, valid_samples
 from tests.study.faults import poisoned
@@ -251,3 +252,48 @@ def test_the_folder_of_a_study_does_not_show_in_its_errors(tmp_path):
         "gone.csv is no file. Paths in a scene are relative to the scene's folder."
     }
     assert set(result["study/exit_code"].data) == {4}
+
+
+def test_a_short_study_stays_in_this_process(serial, tmp_path, monkeypatch):
+    monkeypatch.setattr(executors, "cores", lambda: 2)
+    monkeypatch.setattr(ProcessExecutor, "_start", None)  # calling it would fail
+    run_study(planned(tmp_path, MANY), tmp_path / "s.h5", make_executor())
+    assert_same(tmp_path / "s.h5", serial)
+
+
+def test_a_study_goes_on_in_processes_once_its_samples_are_seen_to_take_long(serial, tmp_path, monkeypatch):
+    monkeypatch.setattr(executors, "cores", lambda: 2)
+    monkeypatch.setattr(executors, "_MIN_SECONDS_FOR_PROCESSES", 0.0)
+    monkeypatch.setattr(scheduler, "_FIRST_SECONDS", 0.0)
+    pool, started = make_executor(), []
+    monkeypatch.setattr(pool, "_start", lambda start=pool._start: started.append(pool.width) or start())
+    run_study(planned(tmp_path, MANY), tmp_path / "s.h5", pool)
+    assert started == [2]
+    assert_same(tmp_path / "s.h5", serial)
+
+
+def test_what_the_first_chunk_imports_does_not_start_processes(monkeypatch):
+    """Samples that are slow themselves do, after the first one."""
+    monkeypatch.setattr(executors, "cores", lambda: 2)
+    pool = make_executor()
+    run = scheduler.Scheduler(pool, None, None, np.arange(100), None)
+    run.next = 1
+    pool.expect(run._left(1, 2.0))
+    assert pool.ahead == 1
+    pool.expect(run._left(1, 10.0))
+    assert pool.ahead == 4
+
+
+@pytest.mark.parametrize(
+    ("text", "loaded"), [("# scheduler: none", True), ("scheduler-address: tcp://h:1", True), ("a: 1", False)]
+)
+def test_dask_is_asked_for_a_scheduler_only_where_its_configuration_names_one(
+    tmp_path, monkeypatch, text, loaded
+):
+    (tmp_path / "distributed.yaml").write_text(text)
+    monkeypatch.setenv("DASK_CONFIG", str(tmp_path))
+    monkeypatch.delenv("DASK_SCHEDULER_ADDRESS", raising=False)
+    address = "tcp://h:1" if "address" in text else None
+    dask = types.SimpleNamespace(config={"scheduler-address": address})
+    monkeypatch.setitem(sys.modules, "dask", dask if loaded else None)
+    assert executors._configured_address() == address

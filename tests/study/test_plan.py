@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from scipy.stats import qmc
 
 from dynid.errors import SceneError, UsageError
 from dynid.scene.load import load_scene
@@ -122,6 +123,12 @@ def test_whole_numbers_are_drawn_each_as_often(tmp_path):
 def test_random_samples_follow_their_distribution(tmp_path):
     values = column(tmp_path, "{distribution: normal, mean: 50, std: 4}", "random")
     assert stats.kstest(values, stats.norm(50, 4).cdf).pvalue > 0.001
+
+
+@pytest.mark.parametrize(("samples", "factors"), [(1, 1), (7, 3), (200, 5)])
+def test_a_latin_hypercube_is_that_of_scipy(samples, factors):
+    points = qmc.LatinHypercube(factors, rng=np.random.default_rng(4)).random(samples)
+    np.testing.assert_array_equal(unit_samples("latin-hypercube", samples, factors, 4), points)
 
 
 @pytest.mark.parametrize("method", ["random", "latin-hypercube", "sobol"])

@@ -20,7 +20,7 @@ from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.store import open_stored, read_result
 from dynid.study import journal
 from dynid.study import run as running
-from dynid.study.executors import SerialExecutor, make_executor
+from dynid.study.executors import ProcessExecutor, SerialExecutor, make_executor
 from dynid.study.merge import merge_studies
 from dynid.study.plan import make_plan
 from dynid.study.run import TooManyFailures, run_study, valid_samples
@@ -521,7 +521,7 @@ def test_who_names_a_scheduler_means_dask(monkeypatch):
     monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", "tcp://127.0.0.1:1")
     assert type(make_executor()).__name__ == "DaskExecutor"
     monkeypatch.delenv("DASK_SCHEDULER_ADDRESS")
-    assert type(make_executor()).__name__ == "ProcessExecutor"
+    assert isinstance(make_executor(), ProcessExecutor)
     assert type(make_executor(scheduler="tcp://127.0.0.1:1")).__name__ == "DaskExecutor"
     with pytest.raises(UsageError, match="no scheduler to ask"):
         make_executor("dask")

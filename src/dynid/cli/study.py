@@ -57,7 +57,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: float | None) ->
 @click.option(
     "--executor",
     type=click.Choice(["serial", "processes", "dask"]),
-    help="How samples are run; default processes, or dask if a scheduler is named.",
+    help="How samples are run; default processes where that is faster, or dask if a scheduler is named.",
 )
 @click.option(
     "--workers",

@@ -10,12 +10,14 @@ from __future__ import annotations
 import logging
 import math
 import os
+import sys
 import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from dynid.errors import FileError, UsageError
@@ -66,6 +68,9 @@ class StudyExecutor(ABC):
     def has_died(self, error: BaseException) -> bool:  # noqa: ARG002
         """Return whether an error of a call means that its worker died."""
         return False
+
+    def expect(self, seconds: float) -> None:  # noqa: B027
+        """Take note of the time that the samples that are left would take in one process, s."""
 
     def trouble(self) -> str | None:
         """Return what prevents the workers from running; None for nothing."""
@@ -238,6 +243,34 @@ class ProcessExecutor(StudyExecutor):
         executor.shutdown(wait=True)
 
 
+# Samples that take less time in one process, s, are left in this one: starting others takes a second of each.
+_MIN_SECONDS_FOR_PROCESSES = 3.0
+
+
+class AutoExecutor(ProcessExecutor):
+    """Executor in this process, and in several where so much is left to do that they are faster."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._processes = self.width
+        self.width = 1
+        self._at_once = _AtOnce()
+
+    @property
+    def ahead(self) -> int:
+        """One chunk in this process, which is finished when it has been submitted."""
+        return 1 if self.width == 1 else super().ahead
+
+    def submit(self, call: Callable[..., Any], *args: Any) -> Future[Any]:
+        """Run a call, or submit it to a worker."""
+        return self._at_once.submit(call, *args) if self.width == 1 else super().submit(call, *args)
+
+    def expect(self, seconds: float) -> None:
+        """Use processes from now on, if so much is left to do."""
+        if seconds > _MIN_SECONDS_FOR_PROCESSES:
+            self.width = self._processes
+
+
 _DASK_POOL = WorkerPool(_IDLE_SECONDS)
 
 
@@ -355,6 +388,15 @@ def _configured_address() -> str | None:
     """Return the address of a scheduler from Dask's configuration; None if it names none."""
     if address := os.environ.get("DASK_SCHEDULER_ADDRESS"):
         return address
+    # Dask is imported, for half a second, only if a file of its configuration names a scheduler.
+    paths = [
+        Path(os.environ.get("DASK_ROOT_CONFIG", "/etc/dask")),
+        Path(sys.prefix) / "etc" / "dask",
+        Path(os.environ.get("DASK_CONFIG", "~/.config/dask")).expanduser(),
+    ]
+    files = [file for path in paths for file in ([path] if path.is_file() else path.glob("*.y*ml"))]
+    if not any("scheduler" in file.read_text(encoding="utf-8", errors="replace") for file in files):
+        return None
     try:
         import dask
     except ImportError:
@@ -378,9 +420,10 @@ def make_executor(
     """Return the executor of the samples of a study: `serial`, `processes` or `dask`.
 
     By default it is `dask` if a scheduler is named here (its address, or the file with its address) or in
-    Dask's configuration (such as DASK_SCHEDULER_ADDRESS), else `processes`. `workers` is the number of
-    processes, by default one per core; on a cluster, the number of its threads to use. With a time limit of a
-    sample (s), `serial` runs samples in a second process, which can be killed.
+    Dask's configuration (such as DASK_SCHEDULER_ADDRESS), else `processes`, which are started once their
+    samples are seen to take longer than these would. `workers` is the number of processes, by default one per
+    core; on a cluster, the number of its threads to use. With a time limit of a sample (s), `serial` runs
+    samples in a second process, which can be killed.
 
     Raises
     ------
@@ -392,6 +435,8 @@ def make_executor(
     named = scheduler or scheduler_file
     if executor is None:
         executor = "dask" if named or _configured_address() else "processes"
+        if executor == "processes" and workers is None and sample_timeout is None and cores() > 1:
+            return AutoExecutor()
     if executor != "dask" and named:
         raise UsageError(
             f"a scheduler is of no use to the executor '{executor}'", remedy="Use --executor dask."

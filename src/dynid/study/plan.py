@@ -128,9 +128,7 @@ def unit_samples(
     if method == "random":
         points = np.random.default_rng(seed).random((count, factors))
     elif method == "latin-hypercube":
-        from scipy.stats import qmc
-
-        points = qmc.LatinHypercube(factors, rng=np.random.default_rng(seed)).random(count)
+        points = _latin_hypercube(count, factors, seed)
     elif indices:
         both = _sobol(count, 2 * factors, seed)
         A, B = both[:, :factors], both[:, factors:]
@@ -139,6 +137,17 @@ def unit_samples(
     else:
         points = _sobol(count, factors, seed)
     return _inside(points)
+
+
+def _latin_hypercube(count: int, factors: int, seed: int) -> NDArray[np.float64]:
+    """Return the points of `scipy.stats.qmc.LatinHypercube`, without its import, which takes a second."""
+    rng = np.random.default_rng(seed).spawn(1)[0]
+    below = rng.random((count, factors))
+    strata = np.tile(np.arange(1, count + 1), (factors, 1))
+    for factor in strata:
+        rng.shuffle(factor)
+    points: NDArray[np.float64] = (strata.T - below) / count
+    return points
 
 
 def _sobol(count: int, factors: int, seed: int) -> NDArray[np.float64]:

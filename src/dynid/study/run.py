@@ -344,7 +344,7 @@ def explain_study(plan: Plan, target: str) -> Explanation:
         Fact("samples", f"{plan.size:,} by {plan.attrs['method']} over {', '.join(plan.arrays)}"),
         Fact("finished", f"{done:,} of them, in {target}" if done else f"none in {target}"),
         Fact("batched", f"no, one by one: {reason}" if reason else "yes, samples share their preparation"),
-        Fact("processes", f"{cores()}: one per core, unless --workers or --scheduler is given"),
+        Fact("processes", f"at most {cores()}, one per core, unless --workers or --scheduler is given"),
         *base.facts,
     ]
     return Explanation(base.result, facts, base.obstacle)

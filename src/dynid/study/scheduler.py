@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from dynid.study.plan import Plan
 
 _CHUNK_SECONDS = 0.5  # of a chunk: long compared with the cost of a message, short for a waiting user
+_FIRST_SECONDS, _TELLING_SECONDS = 5.0, 0.2  # of the first chunk, and of others, that show what samples take
 _LIMIT_RATIO = 4  # a time limit is this many times the expected time of a chunk
 _MAX_CHUNK_SAMPLES = 4096  # samples of a chunk
 _CHUNK_RATIO = 4  # ratio of the sizes of successive chunks
@@ -50,9 +51,9 @@ class Chunks:
     def size(self, remaining: int, width: int) -> int:
         """Return the size of the next chunk of the remaining samples, of which `width` run at once.
 
-        It decreases towards the end, to keep all workers busy.
+        Of several it decreases towards the end, to keep all workers busy.
         """
-        return max(1, min(self._size, remaining // (2 * width)))
+        return max(1, min(self._size, remaining // (2 * width) if width > 1 else remaining))
 
     def learn(self, count: int, seconds: float, size: int = 0) -> None:
         """Record the time (s) and size (bytes) of a chunk; samples of larger chunks take less time each."""
@@ -184,12 +185,21 @@ class Scheduler:
                 lost.append(chunk)
             else:
                 self.chunks.learn(len(chunk), done.seconds, len(done.outcomes.content))
+                self.pool.expect(self._left(len(chunk), done.seconds))
                 self.given_up = 0
                 chunks.append((chunk, done.outcomes))
         if chunks:
             self.arrived(chunks)
         for chunk in lost:
             self._suspect(chunk)
+
+    def _left(self, count: int, seconds: float) -> float:
+        """Return the time of the samples that are left, s, by that of a chunk; 0 if it says too little.
+
+        The first one imports modules, and of a short one most is what samples share.
+        """
+        enough = _FIRST_SECONDS if self.next == count else _TELLING_SECONDS
+        return seconds / count * (len(self.numbers) - self.next) if seconds > enough else 0.0
 
     def _suspect(self, chunk: Numbers) -> None:
         """Run a chunk whose worker died again: alone; then its halves; then its sample, a few times."""
