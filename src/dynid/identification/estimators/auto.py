@@ -31,9 +31,10 @@ BIT 15 (1975) 49–57).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -44,7 +45,15 @@ from dynid.errors import DynidError, UsageError
 from dynid.identification.estimators.estimate import Estimate, Sweep
 from dynid.identification.estimators.filter_passes import annealed_passes, last, run_passes
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.estimators.multi_start import Attempt, Search, SearchStart, drawn_starts, guided
+from dynid.identification.estimators.multi_start import (
+    WHITENESS_LEVEL,
+    Attempt,
+    Search,
+    SearchStart,
+    drawn_starts,
+    guided,
+    order_of,
+)
 from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
@@ -207,11 +216,11 @@ def in_segments(likelihood: TimeLikelihood, divisor: int) -> Likelihood:
 # starts are chosen by the shortest. No route is the best for all records: short segments have fewer local
 # optima, but are less sensitive.
 _ROUTES = ((64, 16, 4), (16,), (64, 16, 4), (32, 4), ())
-# Joints with nonlinear laws: the first parts of the records, one in so many, that are fitted in turn; after
-# the short ones a start goes on at once where its residuals are white to this p-value, else it waits.
-_FIRST_PARTS, _LATER_PARTS, _GOES_ON = (32, 16, 8), (4, 2), 1e-4
-# Starts around the given one that are fitted to the short parts: how many, and how far from it (a factor).
-_AROUND_LAWS = (8, 5.0)
+# Joints with nonlinear laws: the first parts of the records, one in so many, that are fitted in turn.
+_FIRST_PARTS = (32, 16, 4)
+# Starts around the given one: how many are drawn, how far from it (a factor), and how many are fitted to the
+# shortest part, on which the best by its misfit end at the optimum.
+_AROUND_LAWS, _BEST_STARTS = (32, 5.0), 8
 # Responses: a search with the modes of a band is confirmed by an estimate of the whole model that differs by
 # less than this part of its standard errors.
 _CONFIRMED_DEVIATIONS = 0.1
@@ -292,26 +301,34 @@ class Auto:
         if not self.multi_start:
             search.attempt("the start", partial(guided, (), origin))
             return search.best()
-        short, long = growing(likelihood, _FIRST_PARTS), growing(likelihood, _LATER_PARTS)
-        count, reach = _AROUND_LAWS
-        waiting = []
-        for number, start in enumerate([origin, *drawn_starts(likelihood.priors, origin, count, reach, 0)]):
-            name = f"start {number} of {count}" if number else "records of growing length"
-            way = search.on_guides(short, start)
-            if way is None:
+        parts, (count, reach) = growing(likelihood, _FIRST_PARTS), _AROUND_LAWS
+
+        def starts() -> Iterator[tuple[int, Array]]:
+            yield 0, origin
+            drawn = drawn_starts(likelihood.priors, origin, count, reach, 0)
+            for number, place in enumerate(order_of(parts[0], drawn)[:_BEST_STARTS], 1):
+                yield number, drawn[place]
+
+        further = starts()
+        waiting: list[tuple[bool, float, int, int, Array]] = []
+        while True:
+            # What explains its part goes on, then other starts, then what explains its part best.
+            start = None if waiting and not waiting[0][0] else next(further, None)
+            if start is None and not waiting:
+                break
+            number, stage, eta = (start[0], 0, start[1]) if start else heappop(waiting)[2:]
+            if stage < len(parts):
+                way = search.on_guides([parts[stage]], eta)
+                if way is not None:
+                    coloured = parts[stage].whiteness(way) < WHITENESS_LEVEL
+                    misfit = parts[stage].misfit(way) / sum(int(part.counts.sum()) for part in way.parts)
+                    heappush(waiting, (coloured, misfit, number, stage + 1, way.eta))
                 continue
-            begin = partial(search.attempt, name, partial(guided, long, way.eta), drawn=number > 0)
-            if short[-1].whiteness(way) < _GOES_ON:
-                waiting.append((short[-1].misfit(way), number, begin))
-                continue
-            begin()
-            if search.accepted:
-                return search.best()
-        for _, _, begin in sorted(waiting):
-            begin()
+            name = f"start {number} of {_BEST_STARTS}" if number else "records of growing length"
+            search.attempt(name, partial(guided, (), eta), drawn=number > 0)
             if search.accepted or search.agreed:
                 return search.best()
-        search.draw(short[0], [[*short, *long]], origin)
+        search.draw(parts[0], [parts], origin)
         return search.best()
 
     def _of_responses(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:

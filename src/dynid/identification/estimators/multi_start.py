@@ -49,7 +49,7 @@ _TIED_MISFIT = 1e-6
 # Residuals below this part of a channel's RMS are accepted whatever their colour …
 _EXACT_RESIDUAL = 1e-6
 # … and others if their whiteness has this p-value or more, and the model no lack of fit.
-_WHITENESS_LEVEL = 1e-4
+WHITENESS_LEVEL = 1e-4
 # Part of the mean square of the records that residuals may be where their noise is coloured or proportional.
 _COLOURED_SQUARE_RATIO = 0.25
 # A parameter is vague beyond this standard error of its coordinate: other optima may be as white. To look for
@@ -140,7 +140,7 @@ class Search:
             return False, None
         if self.accept_small and is_explained(ratio, whiteness_p):
             return True, None
-        if np.all(ratio <= _EXACT_RESIDUAL) or whiteness_p < _WHITENESS_LEVEL:
+        if np.all(ratio <= _EXACT_RESIDUAL) or whiteness_p < WHITENESS_LEVEL:
             return bool(np.all(ratio <= _EXACT_RESIDUAL)), None
         compared = compare_models(likelihood, fit, whiteness_p)
         return not compared.lacks_fit, compared
@@ -168,11 +168,7 @@ class Search:
                 route = next(turn)
                 is_guided = bool(route)
                 if is_guided not in ranked:
-                    chooser, misfits = guide if is_guided else self.likelihood, np.full(count, np.inf)
-                    for k, eta in enumerate(tracked(starts, "start")):
-                        with suppress(DynidError), guarded("the prediction"):  # numbers may leave their range
-                            misfits[k] = chooser.misfit_at(eta)
-                    ranked[is_guided] = iter(np.argsort(misfits, kind="stable").tolist())
+                    ranked[is_guided] = iter(order_of(guide if is_guided else self.likelihood, starts))
                 chosen = next(k for k in ranked[is_guided] if k not in used)
                 used.add(chosen)
                 self.attempt(f"start {number} of {count}", partial(guided, route, starts[chosen]), drawn=True)
@@ -270,6 +266,15 @@ def guided(route: Sequence[Likelihood], eta: Array) -> SearchStart:
     for guide in route:
         eta = refine(guide, eta, _MAX_GUIDE_STEPS).fit.eta
     return eta, []
+
+
+def order_of(likelihood: Likelihood, starts: Array) -> list[int]:
+    """Return the places of starts (count x p), the best by the misfit of a likelihood first."""
+    misfits = np.full(len(starts), np.inf)
+    for k, eta in enumerate(tracked(starts, "start")):
+        with suppress(DynidError), guarded("the prediction"):  # numbers may leave their range
+            misfits[k] = likelihood.misfit_at(eta)
+    return [int(k) for k in np.argsort(misfits, kind="stable")]
 
 
 def drawn_starts(priors: Priors, origin: Array, count: int, reach: float, seed: int) -> Array:
