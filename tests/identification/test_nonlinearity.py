@@ -181,6 +181,16 @@ def test_a_linear_error_is_not_a_nonlinear_joint(error, kind):
     assert p_of(result) > 1e-3
 
 
+@pytest.mark.parametrize("times", [1, 2, 3, 300])
+def test_a_slider_clips_step_by_step(times):
+    d = np.cumsum(np.random.default_rng(times).standard_normal((times, 2)), axis=0)
+    elastic, expected = np.zeros(2), []
+    for step in np.diff(d, axis=0, prepend=0.0):
+        elastic = np.clip(elastic + step, -0.5, 0.5)
+        expected.append(elastic)
+    assert score._slider(d, 0.5) == pytest.approx(np.array(expected), abs=1e-13)
+
+
 def test_responses_are_derivatives_by_the_forces_at_zero():
     signal = drive(5)
     model = chain()
@@ -197,7 +207,7 @@ def test_responses_are_derivatives_by_the_forces_at_zero():
         column = columns[:, :, joint, term]
         # Forces are linear between samples here: 1 % of them at the highest frequencies.
         for c, row in enumerate([slope[:, 0], slope[:, 3], slope[:, 5]]):
-            assert np.linalg.norm(column[:, c] - row) < 1e-2 * np.linalg.norm(row)
+            assert np.linalg.norm(column[c] - row) < 1e-2 * np.linalg.norm(row)
 
 
 _FOUR = (

@@ -160,7 +160,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
         width = p + record.model.states + len(names) * _FORCES + 1
         rows = min(len(shared), _MAX_NUMBERS // (len(record.data.rms) * width + _MAX_FREE_REGRESSORS))
         forces = _forces((motion / units)[:, :rows])
-        responses = _responses(record, record_fit, joints, forces).reshape(rows, len(record.data.rms), -1)
+        responses = _responses(record, record_fit, joints, forces).reshape(len(record.data.rms), rows, -1)
         regressors.append((shared[:rows], responses))
     if not all(np.isfinite(responses).all() for _, responses in regressors):
         return None  # a prediction that grows beyond double precision says nothing
@@ -195,23 +195,23 @@ def _forces(motions: Array) -> Array:
 
 
 def _slider(d: Array, slip: float) -> Array:
-    """Return the elastic part (times x joints), at most `slip`, of displacements."""
-    out = []
-    for steps in np.diff(d, axis=0, prepend=0.0).T.tolist():
-        elastic, parts = 0.0, []
-        for step in steps:
-            elastic += step
-            if elastic > slip:
-                elastic = slip
-            elif elastic < -slip:
-                elastic = -slip
-            parts.append(elastic)
-        out.append(parts)
-    return np.array(out).T
+    """Return the elastic part (times x joints), at most `slip`, of displacements from 0 on.
+
+    A step adds to it and clips; so do two steps one after the other, and spans of steps that double.
+    """
+    added, low, high = np.diff(d, axis=0, prepend=0.0), np.full_like(d, -slip), np.full_like(d, slip)
+    span = 1
+    while span < len(d):
+        limits = low[span:], high[span:]
+        clipped = [np.clip(limit[:-span] + added[span:], *limits) for limit in (low, high)]
+        low[span:], high[span:] = clipped
+        added[span:] += added[:-span].copy()
+        span *= 2
+    return np.clip(added, low, high)
 
 
 def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array) -> Array:
-    """Return the linear responses of the channels from rest (times x channels x joints x forces)."""
+    """Return the linear responses of the channels from rest (channels x times x joints x forces)."""
     model = record.model.moved(fit.eta)
     matrices, n, count = model.at(fit.eta), model.states, len(joints.names)
     # Forces are linear between samples: x' = A x + B (f + g t), f and g being states.
@@ -223,25 +223,30 @@ def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: A
     step = exponential(joint, h)
     Phi, held, ramp = step[:n, :n], step[:n, n : n + count], step[:n, n + count :]
     gains = model.instruments.numbers(model.instruments.gains, named(record.unknowns, fit.eta)).value
-    responses = (gains[:, None] * joints.direct)[None, :, :, None] * forces[:, None]
-    state = np.zeros((forces[0].size, n))
+    # The state less what the last ramp gave to it: Phi y + (held - ramp + Phi ramp) f.
+    direct, forced = gains[:, None] * joints.direct + matrices.C @ ramp, held - ramp + Phi @ ramp
+    responses = direct[:, None, :, None] * forces
+
+    def add(states: Array, first: int, last: int) -> None:
+        outputs = matrices.C @ states.reshape(-1, n).T
+        responses[:, first:last] += outputs.reshape(-1, last - first, count, _FORCES)
+
+    state = -(forces[0, ..., None] * ramp.T[:, None]).reshape(-1, n)
+    add(state, 0, 1)
     longest = max(1, _MAX_RUN_NUMBERS // (n * count * _FORCES))
     for first in range(0, len(forces) - 1, longest):
         last = min(first + longest, len(forces) - 1)
-        now, change = forces[first:last, ..., None], np.diff(forces[first : last + 1], axis=0)[..., None]
-        forcing = now * held.T[:, None] + change * ramp.T[:, None]
+        forcing = forces[first:last, ..., None] * forced.T[:, None]
         states = recurrence(Phi, forcing.reshape(last - first, -1, n), state)
+        add(states, first + 1, last + 1)
         state = states[-1]
-        outputs = (states.reshape(-1, n) @ matrices.C.T).reshape(last - first, count, _FORCES, -1)
-        responses[first + 1 : last + 1] += np.moveaxis(outputs, -1, 1)
     delays = model.instruments.numbers(model.instruments.delays, named(record.unknowns, fit.eta)).value
     for c in np.flatnonzero(delays):  # between samples
         times = h * np.arange(len(forces))
         late = [
-            np.interp(times - delays[c], times, column)
-            for column in responses[:, c].reshape(len(forces), -1).T
+            np.interp(times - delays[c], times, column) for column in responses[c].reshape(len(forces), -1).T
         ]
-        responses[:, c] = np.transpose(late).reshape(responses[:, c].shape)
+        responses[c] = np.transpose(late).reshape(responses[c].shape)
     return responses
 
 
@@ -256,19 +261,19 @@ def _columns(
 ) -> _Columns:
     """Return what free linear directions and first states leave of derivatives, responses and residual.
 
-    `responses` (samples x channels x any): to the forces; `shared` (samples x any): regressors of any linear
+    `responses` (channels x samples x any): to the forces; `shared` (samples x any): regressors of any linear
     structure; `variances`: those that channels are weighted by, default: what is left of them.
     `coloured`: the residuals are whitened.
     """
     p, n = record.model.parameters, record.model.states
-    rows, width = slice(0, len(responses)), responses.shape[2]
+    rows, width = slice(0, responses.shape[1]), responses.shape[2]
     there = ~np.isnan(fit.residual[rows])
     total, sizes = np.zeros((n + p + width + 1,) * 2), np.zeros(n + p + width + 1)
     squares, degrees, weights = np.zeros(width), 0.0, np.ones(len(record.data.rms))
     basis = _range(shared) if there.all() else None
     for c, predicted in record.channelwise(fit):
         rms, present = record.data.rms[c], there[:, c]
-        parts = predicted.by_state[rows, 0], predicted.by_parameter[rows, 0], responses[:, c]
+        parts = predicted.by_state[rows, 0], predicted.by_parameter[rows, 0], responses[c]
         own = np.column_stack([*parts, fit.residual[rows, c]])
         own[~present] = 0.0
         of_channel = shared if basis is None else shared * present[:, None]
