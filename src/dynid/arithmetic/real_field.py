@@ -117,7 +117,7 @@ class RealField:
             tuple[int, str, int, float], list[Fraction] | None
         ] = {}  # the same for every prime
         modulus, trial, self._order = _CIRCLE_ORDER, 0, _CIRCLE_ORDER
-        for base in self._radicalprime_factors(self._terms):
+        for base in self._radical_primes(self._terms):
             if modulus.bit_length() < _MAX_MODULUS_BITS:
                 modulus = math.lcm(modulus, _odd(base))
         for _ in range(_MAX_TRIALS):
@@ -137,7 +137,7 @@ class RealField:
         self.polynomials = fmpz_mod_poly_ctx(self.residues)
 
     @staticmethod
-    def _radicalprime_factors(terms: Iterable[Term]) -> dict[int, None]:
+    def _radical_primes(terms: Iterable[Term]) -> dict[int, None]:
         """Return the factors of the radicands among terms."""
         radicands = (term.operands[0] for term in terms if _radical(term))
         return dict.fromkeys(
@@ -293,7 +293,7 @@ class RealField:
         """Return products of powers of generators: those of a term first, as far as there is room."""
         inside = list(in_order([base]))
         terms_inside = {id(term) for term in inside}
-        bases = self._radicalprime_factors(inside)
+        bases = self._radical_primes(inside)
         radicals = [
             (
                 number not in bases,

@@ -9,7 +9,7 @@ sides, and judged there entry by entry: neither the values nor the error estimat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+#: Solves with the matrices at several numbers s (s x unknown), or their adjoints ("H").
+_Solver = Callable[["NDArray[np.complex128]", str], "NDArray[np.complex128]"]
+
 # --- eigenvalues, refined -------------------------------------------------------------------------
 
 _UNIT_ROUNDOFF = 2.0**-53
@@ -43,6 +46,8 @@ _MAX_INVERSE_ITERATIONS, _MAX_FACTORISATIONS = 2, 4
 _NEXT_CORRECTION_FACTOR = 64.0
 #: Most states of a block whose characteristic polynomial is computed: 2 s for 60 with 53 bits an entry.
 _MAX_CERTIFIED_STATES = 60
+#: Entries of the matrices at several roots that are factorised together: beyond, factors leave the caches.
+_MAX_BATCH_ENTRIES = 50_000
 #: How far beside a root its equations are factorised, if they are exactly singular at it.
 _SINGULAR_SHIFTS = (_UNIT_ROUNDOFF, 2.0**-40, 2.0**-26, 2.0**-18)
 
@@ -175,8 +180,12 @@ class _Pencil:
             np.fill_diagonal(apart, np.inf)
             nearest = apart.min(axis=1)
         rooms = nearest[starts.imag >= 0]
-        roots = [self._refined(complex(s), float(room)) for s, room in zip(upper, rooms, strict=True)]
-        value, radius, residual = (np.array(column) for column in zip(*roots, strict=True))
+        group = max(1, _MAX_BATCH_ENTRIES // len(self.constant))
+        parts_of_upper = [
+            self._refined(upper[first : first + group], rooms[first : first + group])
+            for first in range(0, len(upper), group)
+        ]
+        value, radius, residual = (np.concatenate(columns) for columns in zip(*parts_of_upper, strict=True))
         value = np.where(upper.imag == 0, value.real, value)  # a real root alone stays real
         pairs = upper.imag > 0
         parts = [
@@ -185,97 +194,121 @@ class _Pencil:
         ]
         return RootDiscs.joined(parts)
 
-    def _refined(self, start: complex, room: float) -> tuple[complex, float, float]:
-        """Return a root, its error estimate and its residual.
+    def _refined(
+        self, starts: NDArray[np.complex128], rooms: NDArray[np.float64]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64]]:
+        """Return roots, their error estimates and their residuals.
 
         A correction that leaves the root's own surroundings is not followed: roots that (nearly) coincide are
         left where they were found, and their estimate covers the correction.
         """
-        value = following = start
-        coarse = error = residual = 0.0
+        roots, (coarse, errors, residuals) = starts.copy(), np.zeros((3, len(starts)))
+        active = np.arange(len(starts))
         for _ in range(_MAX_FACTORISATIONS):
-            value = following
+            value = roots[active]
             vectors = self._null_vectors(value)
-            correction, sensitivity, residual = self._judge(value, *vectors)
-            error = abs(correction) + _ERROR_FACTOR * _UNIT_ROUNDOFF * sensitivity
-            coarse = coarse or 4 * error
-            following = value + correction
-            if not abs(following - start) <= room / 4:  # nan, too
-                return start, coarse if np.isfinite(coarse) else float(np.inf), residual
-            if abs(correction) <= 0.5 * _UNIT_ROUNDOFF * sensitivity + _UNIT_ROUNDOFF * abs(value):
+            correction, sensitivity, residuals[active] = self._judged(value, *vectors)
+            error = np.abs(correction) + _ERROR_FACTOR * _UNIT_ROUNDOFF * sensitivity
+            coarse[active] = np.where(coarse[active], coarse[active], 4 * error)
+            roots[active] = value + correction
+            rounding = _UNIT_ROUNDOFF * np.abs(value)
+            errors[active] = 2 * error + rounding
+            with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+                lost = ~(np.abs(roots[active] - starts[active]) <= rooms[active] / 4)  # nan, too
+                ratio = np.abs(correction) / rooms[active]
+                rest = _NEXT_CORRECTION_FACTOR * np.abs(correction) * ratio
+                rest *= np.maximum(1.0, sensitivity / np.abs(value))
+                done = np.abs(correction) <= 0.5 * _UNIT_ROUNDOFF * sensitivity + rounding
+                # another factorisation would find nothing but rounding
+                last = ~(lost | done) & (value != 0) & (rest <= rounding)
+            left = active[lost]
+            roots[left] = starts[left]
+            errors[left] = np.where(np.isfinite(coarse[left]), coarse[left], np.inf)
+            if last.any():
+                at, (x, y) = active[last], (vector[last] for vector in vectors)
+                value = roots[at]
+                correction, sensitivity, residuals[at] = self._judged(value, x, y)
+                error = np.abs(correction) + rest[last] + _ERROR_FACTOR * _UNIT_ROUNDOFF * sensitivity
+                roots[at] = value + correction
+                errors[at] = 2 * error + _UNIT_ROUNDOFF * np.abs(value)
+            active = active[~(lost | done | last)]
+            if not len(active):
                 break
-            if value == 0:
-                continue
-            rest = (
-                _NEXT_CORRECTION_FACTOR
-                * abs(correction)
-                * (abs(correction) / room)
-                * max(1.0, sensitivity / abs(value))
-            )
-            if rest <= _UNIT_ROUNDOFF * abs(value):  # another factorisation would find nothing but rounding
-                value = following
-                correction, sensitivity, residual = self._judge(value, *vectors)
-                error = abs(correction) + rest + _ERROR_FACTOR * _UNIT_ROUNDOFF * sensitivity
-                following = value + correction
-                break
-        return following, 2 * error + _UNIT_ROUNDOFF * abs(value), residual
+        return roots, errors, residuals
 
-    def _judge(
-        self, s: complex, x: NDArray[np.complex128], y: NDArray[np.complex128]
-    ) -> tuple[complex, float, float]:
-        """Return the correction of a root, the size of its error in units of rounding, and its residual.
+    def _judged(
+        self, s: NDArray[np.complex128], x: NDArray[np.complex128], y: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the corrections of roots, the sizes of their errors in units of rounding, and residuals.
 
         With the null vectors x, y of P(s) = A + s E, or of one close to it: a change of the entries by a part
         u of themselves moves the root by at most u |y|^T (|A| + |s| |E|) |x| / |y^H E x|.
         """
-        entries = self.constant + s * self.slope
-        sizes = np.abs(self.constant) + abs(s) * np.abs(self.slope)
+        entries = self.constant + s[:, None] * self.slope
+        sizes = np.abs(self.constant) + np.abs(s)[:, None] * np.abs(self.slope)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            y, x = y / np.max(np.abs(y)), x / np.max(np.abs(x))  # close to a root they are very long
-            left, right = y.conj()[self.rows], x[self.columns]
-            slope = np.sum(left * self.slope * right)
-            correction = -np.sum(left * entries * right) / slope
-            sensitivity = np.sum(np.abs(left) * sizes * np.abs(right)) / abs(slope)
-            residual = abs(correction) / sensitivity
-        return complex(correction), float(sensitivity), float(residual)
+            # close to a root they are very long
+            x, y = (vector / np.max(np.abs(vector), axis=1, keepdims=True) for vector in (x, y))
+            left, right = y.conj()[:, self.rows], x[:, self.columns]
+            slope = np.sum(left * self.slope * right, axis=1)
+            correction = -np.sum(left * entries * right, axis=1) / slope
+            sensitivity = np.sum(np.abs(left) * sizes * np.abs(right), axis=1) / np.abs(slope)
+            return correction, sensitivity, np.abs(correction) / sensitivity
 
-    def _null_vectors(self, s: complex) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return right and left null vectors of the equilibrated matrix.
+    def _null_vectors(
+        self, s: NDArray[np.complex128]
+    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return right and left null vectors of the equilibrated matrices at numbers s (s x unknown).
 
         Each is solved for from the other, as singular vectors: from itself a right vector that is nearly
         orthogonal to the left one would lose what it has gained (Ipsen 1997, section 5).
         """
-        reach = max(abs(s), _UNIT_ROUNDOFF * self.unit)
-        sizes = np.abs(self.constant) + reach * np.abs(self.slope)
-        row, column = np.ones(self.size), np.ones(self.size)  # powers of two
+        reach = np.maximum(np.abs(s), _UNIT_ROUNDOFF * self.unit)
+        sizes = np.abs(self.constant) + reach[:, None] * np.abs(self.slope)
+        row, column = np.ones((2, len(s), self.size))  # powers of two
         for _ in range(2):
-            scaled = (sizes * row[self.rows] * column[self.columns])[self.by_row]
-            row /= np.exp2(np.round(np.log2(np.maximum.reduceat(scaled, self.row_starts))))
-            scaled = sizes * row[self.rows] * column[self.columns]
-            column /= np.exp2(np.round(np.log2(np.maximum.reduceat(scaled, self.starts_of[:-1]))))
-        scale = row[self.rows] * column[self.columns]
-        factors = self._factors(s, reach, scale)
-        x = self.seed.astype(np.complex128)
+            scaled = (sizes * row[:, self.rows] * column[:, self.columns])[:, self.by_row]
+            row /= np.exp2(np.round(np.log2(np.maximum.reduceat(scaled, self.row_starts, axis=1))))
+            scaled = sizes * row[:, self.rows] * column[:, self.columns]
+            column /= np.exp2(np.round(np.log2(np.maximum.reduceat(scaled, self.starts_of[:-1], axis=1))))
+        scale = row[:, self.rows] * column[:, self.columns]
+        solve = self._solver(s, reach, scale)
+        x = np.tile(self.seed.astype(np.complex128), (len(s), 1))
         for _ in range(_MAX_INVERSE_ITERATIONS):
-            y = factors.solve(x / np.max(np.abs(x)), trans="H")
-            x = factors.solve(y / np.max(np.abs(y)))
+            y = solve(x / np.max(np.abs(x), axis=1, keepdims=True), "H")
+            x = solve(y / np.max(np.abs(y), axis=1, keepdims=True), "N")
         return x * column, y * row
 
-    def _factors(self, s: complex, reach: float, scale: NDArray[np.float64]) -> Any:
-        """Factorise the equilibrated matrix; where it is exactly singular, a little beside the root."""
+    def _solver(
+        self, s: NDArray[np.complex128], reach: NDArray[np.float64], scale: NDArray[np.float64]
+    ) -> _Solver:
+        """Factorise the equilibrated matrices; one that is exactly singular a little beside its root."""
         from scipy.sparse import csc_array
         from scipy.sparse.linalg import splu
 
-        for shift in (0.0, *(share * size for size in (reach, self.unit) for share in _SINGULAR_SHIFTS)):
-            entries = (self.constant + (s + shift) * self.slope) * scale
-            matrix = csc_array((entries, self.rows, self.starts_of), shape=(self.size, self.size))
+        count, n = len(s), self.size
+        # one matrix of all, block by block: each factorisation by itself would cost its overhead
+        first = np.arange(count, dtype=np.int32)[:, None]
+        rows, starts = (first * n + self.rows).ravel(), (first * len(self.rows) + self.starts_of[:-1]).ravel()
+        starts = np.append(starts, np.int32(count * len(self.rows)))
+        nearby = (0.0, *(share * size for size in (reach[0], self.unit) for share in _SINGULAR_SHIFTS))
+        for shift in nearby if count == 1 else (0.0,):
+            entries = (self.constant + (s[:, None] + shift) * self.slope) * scale
+            matrix = csc_array((entries.ravel(), rows, starts), shape=(count * n, count * n))
             try:
-                return splu(matrix)
+                factors = splu(matrix)
             except RuntimeError:
                 continue
-        raise Undecided(
-            f"the floating-point engine cannot resolve the roots near {s:.6g} rad/s",
-            remedy="Use 'analysis.engine: exact', which does.",
+            return lambda b, trans: factors.solve(b.ravel(), trans=trans).reshape(count, n)
+        if count == 1:
+            raise Undecided(
+                f"the floating-point engine cannot resolve the roots near {s[0]:.6g} rad/s",
+                remedy="Use 'analysis.engine: exact', which does.",
+            )
+        halves = [slice(0, count // 2), slice(count // 2, count)]
+        solvers = [self._solver(s[half], reach[half], scale[half]) for half in halves]
+        return lambda b, trans: np.concatenate(
+            [solve(b[half], trans) for solve, half in zip(solvers, halves, strict=True)]
         )
 
 
