@@ -160,6 +160,11 @@ LINEARISED = Default(
     1.0, "filters", "steps are linearised anew where a logarithm has moved by {value:g} of its deviation"
 )
 FORCING_TABLE = Limit(1_000_000, "kernels keep what signals force in a table of up to {value:,} numbers")
+SHARED_DECAYS = Default(
+    50_000_000,
+    "wide-record",
+    "channels share their free decays where derivatives by the state take {value:,} multiplications or more",
+)
 CALIBRATION = Level(
     3.0,
     "error bars are said not to include calibration errors where 1 % of a gain or a sample of delay moves an "

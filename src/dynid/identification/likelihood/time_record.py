@@ -33,6 +33,7 @@ from dynid.identification.records.measurement import Experiment, RecordData, Sim
 from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
 from dynid.identification.residual_tests import spectrum
 from dynid.identification.statistics import root_mean_square
+from dynid.identification.systems.free_decays import FreeDecays, free_decays
 from dynid.identification.systems.known_inputs import NONE_LEFT_OUT, KnownSamples, known_samples
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import ParametricModel, check_sensitivities
@@ -40,6 +41,7 @@ from dynid.identification.systems.prediction import (
     ALL_CHANNELS,
     Free,
     Prediction,
+    Steps,
     Trajectory,
     free_prediction,
     kernels_used,
@@ -203,7 +205,9 @@ class TimeRecord(RecordLikelihood):
         model = self.model
         self.system_model.evaluations += 1
         predicted: Prediction | None = None
-        if self._fitted_in_blocks:
+        if (decays := self.decays(eta)) is not None:
+            trajectory, residual, triangles, counts = self._fitted_by_decays(decays, eta, values, noise)
+        elif self._fitted_in_blocks:
             from dynid.identification.systems import kernels
 
             kept = values.size * model.states <= _MAX_KEPT_NUMBERS
@@ -226,6 +230,57 @@ class TimeRecord(RecordLikelihood):
         size = np.sqrt(np.einsum("cr,cr->c", triangles[..., -1], triangles[..., -1]) / counts) * self.data.rms
         level = self.noise_in(counts, size)
         return RecordFit(eta, trajectory, residual, counts, size, level, triangles, measured=values)
+
+    def decays(self, eta: Array) -> FreeDecays | None:
+        """Return the decays that all channels share; None where there are missing values, or few of all."""
+        if not (self._fitted_in_blocks and self.superposes) or np.isnan(self.data.values).any():
+            return None
+        return free_decays(self.model, eta)
+
+    def _started(
+        self, decays: FreeDecays, at: Steps, eta: Array, values: Array, noise: Array | None
+    ) -> tuple[Array, Array, Array]:
+        """Return the first state, what `values` have beside the prediction from it, and R times weights."""
+        from dynid.identification.systems.kernels import at_rest
+
+        (Q, R), model = decays.factors, self.model
+        rotated = R @ decays.weights
+        left = values - at_rest(model, at, model.output(eta)[0], model.direct(eta).value)
+        left -= decays.columns @ (decays.weights @ model.initial).T
+        rows = np.concatenate([rotated, (Q.T @ left).T[..., None]], axis=2)
+        start = self._start(rows / self.data.rms[:, None, None], noise)
+        return start, left - decays.columns @ (decays.weights @ (start - model.initial)).T, rotated
+
+    def _fitted_by_decays(
+        self, decays: FreeDecays, eta: Array, values: Array, noise: Array | None
+    ) -> tuple[Trajectory, Array, Array, NDArray[np.int_]]:
+        """Return the prediction of a fit, its residual, and rows of each channel as of `fit`, with counts."""
+        from dynid.identification.systems.kernels import steps_at, triangles
+
+        at, (n, p), rms = steps_at(self.model, eta), (self.nuisances, self.model.parameters), self.data.rms
+        start, _, rotated = self._started(decays, at, eta, values, noise)
+        outputs, states, by_parameter, _ = self._sensitive(eta, start)
+        residual, (Q, _) = values - outputs, decays.factors
+        rows = np.zeros((len(rms), n + p + 1, n + p + 1))
+        rows[:, :n, :n] = rotated / rms[:, None, None]
+        width = max(1, _MAX_BLOCK_NUMBERS // (len(values) * (p + 1)))
+        for first in range(0, len(rms), width):
+            block = slice(first, first + width)
+            both = np.concatenate([by_parameter[:, block], residual[:, block, None]], axis=2)
+            flat = both.reshape(len(both), -1)
+            inside = Q.T @ flat
+            both -= (Q @ inside).reshape(both.shape)
+            rows[block, :n, n:] = np.moveaxis(inside.reshape(n, -1, p + 1), 1, 0) / rms[block, None, None]
+            rows[block, n:, n:], _ = triangles(both[..., :0], both[..., :p], both[..., p], rms[block])
+        counts = np.full(len(rms), len(values))
+        return Trajectory(outputs, states, start), residual, rows, counts
+
+    def _sensitive(self, eta: Array, start: Array) -> Prediction:
+        """Return the prediction from a first state, without derivatives by it."""
+        # Large matrices multiply faster in NumPy, run by run.
+        steps = [self.model.transition(eta, h) for h in self.model.line.lengths]
+        none = np.zeros((len(self.data.values), 0))
+        return prediction(self.model, eta, start, Free(none, none[..., None]), steps)
 
     @property
     def _fitted_in_blocks(self) -> bool:
@@ -388,6 +443,10 @@ class TimeRecord(RecordLikelihood):
     def residual(self, eta: Array) -> Array:
         """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""
         self.system_model.evaluations += 1
+        if (decays := self.decays(eta)) is not None:
+            from dynid.identification.systems.kernels import steps_at
+
+            return self._started(decays, steps_at(self.model, eta), eta, self.data.values, None)[1]
         if self._fitted_in_blocks:
             from dynid.identification.systems.kernels import fitted
 
@@ -468,6 +527,13 @@ class TimeRecord(RecordLikelihood):
 
     def channelwise(self, fit: RecordFit) -> Iterator[tuple[int, Prediction]]:
         """Yield the channels with their predictions, as many at once as memory allows."""
+        if (decays := self.decays(fit.eta)) is not None:
+            outputs, states, by_parameter, _ = self._sensitive(fit.eta, fit.predicted.start)
+            for c in range(outputs.shape[1]):
+                only = slice(c, c + 1)
+                by_state = decays.by_state(c)[:, None]
+                yield c, Prediction(outputs[:, only], states, by_parameter[:, only], by_state)
+            return
         for block in self.channel_blocks():
             predicted = self.predicted(fit, block)
             for k, c in enumerate(range(block.start, block.stop)):

@@ -226,6 +226,13 @@ def free(model: ParametricModel, at: Linear, C: Array, direct: Array) -> tuple[A
     return outputs_at_rest, by_state
 
 
+def at_rest(model: ParametricModel, at: Linear, C: Array, direct: Array) -> Array:
+    """Return outputs from rest (times x channels)."""
+    predicted = np.empty(direct.shape)
+    call("dynid_free", tables(model), at.members, len(C), plain(C), plain(direct), predicted, None)
+    return predicted
+
+
 def sensitive(
     model: ParametricModel, at: Linear, C: Array, C_slopes: Array, direct: Array, start: Array
 ) -> tuple[Array, Array, Array]:

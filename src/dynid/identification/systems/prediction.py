@@ -23,6 +23,8 @@ Steps: TypeAlias = "list[Transition] | Linear"
 ALL_CHANNELS = slice(None)
 # Runs are cut at so many steps: work arrays do not grow with the record.
 _LONGEST_RUN = 4096
+# Most numbers of states and their sensitivities of a run: 8 MB.
+_MAX_RUN_NUMBERS = 1_000_000
 
 
 class Free(NamedTuple):
@@ -112,7 +114,7 @@ def prediction(
     the result of `free_prediction` for the same parameters and channels.
     """
     model = model.moved(eta)
-    n, p, nodes = model.states, model.parameters, len(model.line.nodes)
+    n, p = model.states, model.parameters
     (C, C_slopes), direct = model.output(eta), model.direct(eta)
     direct_slopes = None if direct.slopes is None else direct.slopes[..., channels]
     C, C_slopes, direct = (
@@ -128,22 +130,30 @@ def prediction(
             by_parameter += np.moveaxis(direct.slopes, 0, -1)
         gathered = model.gathered(outputs), model.own(by_time), model.gathered(by_parameter)
         return Prediction(*gathered, free.by_state)
-    transitions = steps
-    forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
-    drift = _forcing(model, [transition.derivatives[:, :, n:] for transition in transitions])
-    if (jumps := model.jumps(eta)) is not None:
-        drift += jumps
-    states, slopes = np.empty((nodes, 1, n)), np.empty((nodes, p, n))
-    states[0], slopes[0] = x0, 0.0
-    for first, last, k in runs(model.line.which):
-        Phi, Phi_slopes = transitions[k].step[:, :n], transitions[k].derivatives[:, :, :n]
-        after = slice(first + 1, last + 1)
-        states[after] = recurrence(Phi, forcing[first:last, None], states[first])
-        driven = (states[first:last, 0] @ Phi_slopes.swapaxes(1, 2)).swapaxes(0, 1)
-        slopes[after] = recurrence(Phi, driven + drift[first:last], slopes[first])
-    trajectory, slopes = states[model.line.wanted, 0], slopes[model.line.wanted]
-    moved = (slopes.reshape(-1, n) @ C.T).reshape(-1, p, len(C)).swapaxes(1, 2)
-    moved = moved + np.moveaxis(trajectory @ C_slopes.swapaxes(1, 2), 0, -1)
+    jumps, sample_of = model.jumps(eta), model.line.sample_of()
+    trajectory = np.empty((len(model.line.wanted), n))
+    moved = np.empty((len(trajectory), len(C), p))
+    trajectory[sample_of[:1]], moved[sample_of[:1]] = x0, 0.0  # the first node, if it is a sample
+    x, slope = x0[None], np.zeros((p, n))
+    longest = max(1, min(_LONGEST_RUN, _MAX_RUN_NUMBERS // ((1 + p) * n)))
+    for first, last, k in runs(model.line.which, longest):
+        (Phi, gamma), (Phi_slopes, gamma_slopes) = (
+            (matrix[..., :n], matrix[..., n:]) for matrix in (steps[k].step, steps[k].derivatives)
+        )
+        W = model.W[first:last]
+        path = recurrence(Phi, (W @ gamma.T)[:, None], x)
+        driven = np.concatenate([x[None], path[:-1]])[:, 0] @ Phi_slopes.swapaxes(1, 2)
+        driven = (driven + W @ gamma_slopes.swapaxes(1, 2)).swapaxes(0, 1)
+        slopes = recurrence(Phi, driven if jumps is None else driven + jumps[first:last], slope)
+        samples = sample_of[first + 1 : last + 1]
+        kept = samples >= 0
+        trajectory[samples[kept]] = path[kept, 0]
+        read = (slopes[kept].reshape(-1, n) @ C.T).reshape(-1, p, len(C))
+        moved[samples[kept]] = read.swapaxes(1, 2)
+        x, slope = path[-1], slopes[-1]
+    if C_slopes.any():
+        for j, C_slope in enumerate(C_slopes):
+            moved[..., j] += trajectory @ C_slope.T
     if direct.slopes is not None:
         moved += np.moveaxis(direct.slopes, 0, -1)
     outputs = model.gathered(trajectory @ C.T + direct.value)

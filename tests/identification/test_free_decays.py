@@ -1,0 +1,87 @@
+"""Fits in decays that channels share: the fits of every channel by itself, and exact free responses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from dynid.identification.likelihood import time_record
+from dynid.identification.systems import free_decays
+from dynid.parameters import starts
+from dynid.structure.ports import Channel
+from tests.identification.cases import suspension
+from tests.identification.test_kernels import fits_of, needs_library
+
+CHANNELS = tuple(Channel(dof, quantity) for dof in (1, 2, 4) for quantity in ("displacement", "acceleration"))
+
+
+@pytest.fixture
+def shared(monkeypatch):
+    """Fits share decays however small the record is."""
+    monkeypatch.setattr(free_decays, "SHARED_DECAYS", replace(free_decays.SHARED_DECAYS, value=0))
+
+
+@pytest.mark.usefixtures("shared")
+@pytest.mark.parametrize("sign", [1, -1], ids=["decaying", "growing"])
+def test_weighted_decays_are_the_free_response(sign, monkeypatch):
+    record = fits_of(suspension(), CHANNELS[:4])
+    eta = starts(record.unknowns)
+    at = record.model.at(eta)
+    at = at._replace(A=sign * at.A)
+    monkeypatch.setattr(type(record.model), "at", lambda *_: at)
+    decays = free_decays.free_decays(record.model, eta)
+    times = record.model.times - record.model.times[0]
+    for c, row in enumerate(at.C):
+        exact = np.array([row @ expm(at.A * t) for t in times])
+        np.testing.assert_allclose(decays.by_state(c), exact, atol=1e-11 * np.abs(exact).max())
+
+
+@needs_library
+@pytest.mark.usefixtures("shared")
+def test_a_fit_in_shared_decays_is_that_of_each_channel(monkeypatch):
+    record = fits_of(suspension(), CHANNELS, samples=150)
+    eta, values = starts(record.unknowns) + 0.1, record.data.values
+    noise = record.data.rms * np.linspace(0.5, 2, len(CHANNELS))
+    assert record.decays(eta) is not None
+    shared = [
+        record.fit(eta, values, noise),
+        record.residual(eta),
+        list(record.channelwise(record.fit(eta, values))),
+    ]
+    monkeypatch.setattr(time_record, "free_decays", lambda *_: None)
+    alone = [
+        record.fit(eta, values, noise),
+        record.residual(eta),
+        list(record.channelwise(record.fit(eta, values))),
+    ]
+    np.testing.assert_allclose(shared[0].predicted.start, alone[0].predicted.start, rtol=1e-8)
+    np.testing.assert_allclose(shared[0].predicted.outputs, alone[0].predicted.outputs, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(shared[0].noise, alone[0].noise, rtol=1e-9)
+    np.testing.assert_array_equal(shared[0].counts, alone[0].counts)
+    for ours, theirs in zip(shared[0].triangles, alone[0].triangles, strict=True):
+        size = np.linalg.norm(theirs, axis=0)
+        np.testing.assert_allclose(
+            ours.T @ ours / np.outer(size, size), theirs.T @ theirs / np.outer(size, size), atol=1e-10
+        )
+    np.testing.assert_allclose(shared[1], alone[1], atol=1e-9 * np.abs(alone[1]).max())
+    for (c, ours), (d, theirs) in zip(shared[2], alone[2], strict=True):
+        assert c == d
+        for x, y in zip(ours, theirs, strict=True):
+            np.testing.assert_allclose(x, y, atol=1e-9 * np.abs(y).max())
+
+
+@pytest.mark.usefixtures("shared")
+def test_channels_with_gaps_and_poles_that_coincide_share_none(monkeypatch):
+    gapped = fits_of(suspension(), CHANNELS, missing=[(3, 1)])
+    assert gapped.decays(starts(gapped.unknowns)) is None
+    record = fits_of(suspension(), CHANNELS)
+    defective = np.eye(record.model.states) + np.eye(record.model.states, k=1)
+    at = record.model.at(starts(record.unknowns))
+    monkeypatch.setattr(type(record.model), "at", lambda *_: at._replace(A=defective))
+    assert free_decays.free_decays(record.model, starts(record.unknowns)) is None
+
+
+def test_small_records_share_none():
+    record = fits_of(suspension(), CHANNELS)
+    assert record.decays(starts(record.unknowns)) is None
