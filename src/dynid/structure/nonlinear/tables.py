@@ -274,7 +274,7 @@ class Regime:
         k = np.arange(LOAD_DEGREE + 1)
         weights = h * np.array([factorial(i) for i in k]) * c[1:, None] ** (k + 1)  # s - 1 x degree + 1
         P = ((V * phi[0][:, None, :]) @ inverse).real
-        responses = (V * (weights.T[..., None] * phi[1:])[:, :, None, :]) @ (inverse @ self.rest.D)
+        responses = V @ ((weights.T[..., None] * phi[1:])[..., None] * (inverse @ self.rest.D))
         return self._assembled(h, P, responses.real)
 
 
