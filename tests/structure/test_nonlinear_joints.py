@@ -337,6 +337,18 @@ def test_a_balance_that_steps_do_not_resolve_is_noted():
     assert "shorten the time between samples" in joints_of(result)["note"]
 
 
+@pytest.mark.skipif(not compiled("dynid_march"), reason="by NumPy it takes ten seconds")
+@pytest.mark.parametrize("slip", [0.5, 5.0, 15.0])
+def test_a_stiff_slider_that_sticks_does_not_slip_by_errors_of_polynomials(slip):
+    """While it sticks it vibrates within a step, where degree 4 does not follow; nodes are exact."""
+    laws = [BoundLaw(Jenkins(), (133352.1432163324, slip))]
+    loads = timeline([SINES], np.arange(400) * STEP, 0.0)
+    coarse, fine = (
+        march(rest(), laws, Steps.of(loads, parts), np.zeros(4), np.zeros(1)).states for parts in (1, 8)
+    )
+    assert np.all(np.abs(coarse - fine).max(axis=0) <= 1e-10 * np.abs(fine).max(axis=0))
+
+
 def test_sensitivities_pass_jumps_of_a_damped_contact():
     """Four-point differences; with larger steps events come and go, with smaller ones round-off is seen."""
     law, values = Gap(), (3e3, 6e-4, 100.0)

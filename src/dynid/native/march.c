@@ -854,7 +854,17 @@ static int first_event(const March *t, const Step *o, Event *event) {
       size_v = fmax(size_v, fabs(o->w[j * t->nr + t->nf + row]));
       size_z = fmax(size_z, fabs(o->z[j * t->nl + l]));
     }
-    int located[GUARDS] = {0};
+    int located[GUARDS] = {0}, rises[GUARDS] = {0};
+    double round_off[GUARDS] = {0.0};
+    Guard second[GUARDS];
+    guards(t, l, regime, o->w[t->nr + row], o->w[t->nr + t->nf + row], o->z[t->nl + l], second);
+    guards(t, l, regime, o->w[row], o->w[t->nf + row], o->z[l], own);
+    for (int number = 0; number < count; number++) { /* from 0 to the first node: positive, whatever polynomials say */
+      const Guard *g = own + number;
+      round_off[number] = GUARD_ROUND_OFF * (fabs(g->d) * size_d + fabs(g->v) * size_v + fabs(g->z) * size_z);
+      rises[number] = g->value <= round_off[number] && second[number].value > round_off[number] && g->v == 0.0 &&
+                      g->d * o->w[t->nf + row] + g->z * o->law[l].rate >= 0.0;
+    }
     for (int64_t i = 0; i < t->scans && count && !(any && t->scan[i] > last); i++) {
       const double *basis = t->scan_basis + i * NODES;
       double d = 0.0, v = 0.0, z = 0.0;
@@ -866,8 +876,9 @@ static int first_event(const March *t, const Step *o, Event *event) {
       guards(t, l, regime, d, v, z, own);
       for (int number = 0; number < count; number++) {
         const Guard *g = own + number;
-        const double round_off = GUARD_ROUND_OFF * (fabs(g->d) * size_d + fabs(g->v) * size_v + fabs(g->z) * size_z);
-        if (located[number] || !(g->value < -round_off)) continue; /* else a slider that just stuck would slip again */
+        /* Without round-off a slider that just stuck would slip again. */
+        if (located[number] || !(g->value < -round_off[number])) continue;
+        if (rises[number] && t->scan[i] < t->nodes[1]) continue;
         located[number] = 1;
         const double theta = root(t, o, l, number, i ? t->scan[i - 1] : 0.0, t->scan[i]);
         if (!any || theta < event->theta) {

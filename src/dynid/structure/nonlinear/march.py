@@ -57,28 +57,35 @@ class _March(MarchState):
                 out.append((index, guard.following, np.broadcast_to(guard.function.value, len(w))))
         return out
 
-    def round_offs(self, step: Step) -> list[float]:
-        """Return the round-off of the guards within a step."""
+    def begun(self, step: Step) -> list[tuple[float, bool]]:
+        """Return the round-off of the guards within a step, and whether they rise from 0 to the first node.
+
+        Before that node these are positive, whatever the polynomials say.
+        """
         nf, out = self.rest.forces, []
         for index, (law, regime) in enumerate(zip(self.laws, self.regimes, strict=True)):
-            motion = step.w[:, law.row], step.w[:, nf + law.row], step.z[:, index]
-            d, v, z = (float(np.abs(x).max()) for x in motion)
-            for guard in law.guards(regime, 0.0, 0.0, 0.0):
-                slopes = (np.abs(s).max() for s in (guard.function.d, guard.function.v, guard.function.z))
-                sizes = max(d, abs(law.offset)), v, z
-                out.append(_GUARD_ROUND_OFF * sum(s * x for s, x in zip(slopes, sizes, strict=True)))
+            d, v, z = step.w[:, law.row], step.w[:, nf + law.row], step.z[:, index]
+            sizes = max(np.abs(d).max(), abs(law.offset)), np.abs(v).max(), np.abs(z).max()
+            for guard in law.guards(regime, d[:2], v[:2], z[:2]):
+                f = guard.function
+                slopes = (np.abs(s).max() for s in (f.d, f.v, f.z))
+                round_off = _GUARD_ROUND_OFF * sum(s * x for s, x in zip(slopes, sizes, strict=True))
+                first, second = np.broadcast_to(f.value, 2)
+                moved = np.ravel(f.d)[0] * v[0] + np.ravel(f.z)[0] * step.f.rate[0, index]
+                rises = first <= round_off < second and moved >= 0 and not np.any(f.v)
+                out.append((float(round_off), bool(rises)))
         return out
 
     def first_event(self, step: Step) -> _Event | None:
         """Return the earliest event of a step, located on the polynomials through its nodes."""
         if not any(law.guards(r, 0.0, 0.0, 0.0) for law, r in zip(self.laws, self.regimes, strict=True)):
             return None
-        _, L, _ = lobatto()
+        c, L, _ = lobatto()
         V = np.vander(SCAN, NODES, increasing=True) @ L.T
         event: _Event | None = None
-        guards = zip(self.guards(V @ step.w, V @ step.z), self.round_offs(step), strict=True)
-        for number, ((index, following, values), round_off) in enumerate(guards):
-            negative = np.flatnonzero(values < -round_off)
+        guards = zip(self.guards(V @ step.w, V @ step.z), self.begun(step), strict=True)
+        for number, ((index, following, values), (round_off, rises)) in enumerate(guards):
+            negative = np.flatnonzero((values < -round_off) & ~(rises & (c[1] > SCAN)))
             if not len(negative) or (event and SCAN[negative[0]] > event.high):
                 continue
             low = SCAN[negative[0] - 1] if negative[0] else 0.0
