@@ -331,7 +331,8 @@ class _SpaceDrawing:
                 for drawn_box in self.boxes
             ):
                 self.boxes.append(box)
-                self.svg.text(x, y, text, cls, anchor=anchor)
+                halo = " halo" * (len(self.space.faces) > 0)
+                self.svg.text(x, y, text, cls + halo, anchor=anchor)
                 return
 
 

@@ -155,8 +155,9 @@ def _as_mapping(raw: Any) -> Any:
     """Return a factor as a mapping: a bare list is its values."""
     if isinstance(raw, list):
         return {"values": raw}
-    if not isinstance(raw, dict):
-        raise fault("what varies has 'values', 'start' and 'stop', or a 'distribution'")
+    if not isinstance(raw, dict) or raw.keys().isdisjoint({"values", "start", "stop", "distribution"}):
+        kinds = ", ".join(_FORMS)
+        raise fault(f"what varies has 'values', 'start' and 'stop', or a 'distribution': {kinds}")
     name = raw.get("distribution", "uniform")
     if not isinstance(name, str) or name not in _FORMS:
         hint = did_you_mean(str(name), _FORMS)
