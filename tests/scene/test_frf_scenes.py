@@ -6,6 +6,7 @@ import pytest
 from scipy.io import savemat
 
 from dynid.errors import DynidError, UsageError
+from dynid.report import figures
 from dynid.scene.kinds.planning import run_plan
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
@@ -155,6 +156,17 @@ def test_a_universal_file(tmp_path, binary):
     # Numbers count the frequency responses, coherences their own.
     told = estimated(tmp_path, "{file: {path: h.uff, columns: [1, 2], coherence: [1, 2], averages: 10}}")
     assert told == pytest.approx([200, 1], rel=1e-4)  # steps below a thousandth of a standard error are left
+
+
+@leaks
+def test_the_coherence_of_a_file_is_drawn_below_its_responses(tmp_path):
+    written(tmp_path / "h.uff", 0)
+    estimated(tmp_path, "{file: {path: h.uff, coherence: [1, 2], averages: 10}}")
+    result = run_scene(load_scene(tmp_path / "x.yaml"))
+    np.testing.assert_array_equal(result["identification/measurement/coherence"].data, np.full((91, 2), 0.99))
+    (figure,) = (figure.draw() for figure in figures(result) if figure.name == "fit")
+    assert [row[0].y.label for row in figure.rows if row[0].y.label == "coherence"] == ["coherence"] * 2
+    assert sum(column.startswith("coherence ") for column in figure.table.columns) == 2
 
 
 @leaks

@@ -70,6 +70,7 @@ class FrfMeasurement:
     # those of measured values favour lines where the noise is against the response.
     proportional: bool = False
     notes: tuple[str, ...] = ()  # warnings of how they were read
+    coherence: Array | None = None  # of each response with its force (L x channels), where it was measured
 
     def __post_init__(self) -> None:
         omega = np.atleast_1d(np.array(self.omega, dtype=float))

@@ -566,6 +566,8 @@ def _add_responses(result: Result, record: FrfRecord, fit: RecordFit) -> None:
         result.add(f"{group}/frac_start", frac(measured, begun), ("channel",))
     if record.data.noise is not None:
         result.add(f"{group}/noise", np.sqrt(2) * record.data.noise, ("channel",), unit)
+    if measurement.coherence is not None:
+        result.add(f"{group}/coherence", measurement.coherence, dims)
     if measurement.deviation is not None:
         by_line = measurement.profile
         if measurement.proportional:  # the profile is the predicted magnitude

@@ -303,8 +303,11 @@ def _spectra(result: Result, group: str) -> Chart:
 def _over_frequency(result: Result, group: str) -> Chart:
     at, channels = frequencies(result, f"{group}/omega"), _channels(result, group)
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
+    coherence = result[f"{group}/coherence"].data if f"{group}/coherence" in result else None
     columns = dict(at.columns)
     for column, channel in enumerate(channels):
+        if coherence is not None:
+            columns[f"coherence {channel}"] = coherence[:, column]
         for what, values in (("measured", measured[:, column]), ("fitted", predicted[:, column])):
             columns |= {f"Re {what} {channel}": values.real, f"Im {what} {channel}": values.imag}
     drawn, more = _drawn_channels(result, _misfit(measured, predicted))
@@ -327,6 +330,9 @@ def _over_frequency(result: Result, group: str) -> Chart:
             Subplot(at.axis, PlotAxis(channels[column], log=True), sizes, height=170.0),
             Subplot(at.axis, upright, phases, height=90.0),
         ]
+        if coherence is not None:
+            shown: list[Layer] = [Curve(at.shown, coherence[:, column], "coherence", "s3")]
+            subplots.append(Subplot(at.axis, PlotAxis("coherence", low=0, high=1.02), shown, height=60.0))
     named = ", ".join(texts(result, f"{group}/channel")[k] for k in drawn)
     about = f"Measured and fitted responses {named}, and the magnitude of their difference.{more}"
     return Chart(in_rows(subplots, 1), about, table_of(columns), width=_WIDE, shared=True)

@@ -395,7 +395,8 @@ def frf_measurement(scene: Scene, measurement: MeasurementModel, model: Tested =
         deviation = np.abs(responses.values) * spread
     notes = (responses.note,) if responses.note else ()
     return FrfMeasurement(
-        responses.omega, channels, responses.values, noise, deviation, relative, proportional, notes
+        *(responses.omega, channels, responses.values, noise, deviation, relative, proportional, notes),
+        coherence=responses.coherence,
     )
 
 
