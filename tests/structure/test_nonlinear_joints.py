@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from dynid.arithmetic.expression import parse
 from dynid.errors import NumericalError, UsageError
@@ -335,6 +336,22 @@ def test_a_balance_that_steps_do_not_resolve_is_noted():
     result = time_response(stiff, [load], [Channel(1, "velocity")], np.arange(40) * STEP)
     assert joints_of(result)["energy_residual"] > 1e-4
     assert "shorten the time between samples" in joints_of(result)["note"]
+
+
+@pytest.mark.parametrize("wish", ["0", "1" if compiled("dynid_march") else "0"])
+@pytest.mark.parametrize("stiff", [False, True])
+def test_free_decays_have_no_loads(wish, stiff, monkeypatch):
+    monkeypatch.setenv("DYNID_COMPILED", wish)
+    model = rest()
+    A = model.A.copy()
+    A[2:, :2] *= 1e4 if stiff else 1.0
+    free = model._replace(A=A, D=model.D[:, :1], loads=0)
+    x0, times = np.array([1e-3, 0, 0, 0.1]), np.arange(30) * STEP
+    used = Steps.of(timeline([], times, 0.0), 1)
+    states = march(free, [BoundLaw(Jenkins(), (800.0, 1e9))], used, x0, np.zeros(1)).states
+    A = A + 800.0 * np.outer(free.D[:, 0], free.rows[0])
+    expected = np.array([expm(A * t) @ x0 for t in times])
+    assert np.all(np.abs(states - expected).max(axis=0) <= 1e-9 * np.abs(expected).max(axis=0))
 
 
 @pytest.mark.skipif(not compiled("dynid_march"), reason="by NumPy it takes ten seconds")

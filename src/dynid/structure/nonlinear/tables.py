@@ -226,7 +226,7 @@ class Regime:
         U = np.einsum("jk,keid->eijd", powers_of("Chebyshev"), responses[..., nf : nf + nu])
 
         def read(X: Array) -> Array:
-            return (self.R @ X.reshape(*X.shape[:2], -1)).reshape(len(X), -1, *X.shape[2:])
+            return (self.R @ X.reshape(*X.shape[:2], -1)).reshape(len(X), len(self.R), *X.shape[2:])
 
         # Of Legendre's polynomials what the step leaves out is the difference from their values at its nodes.
         polynomials = powers_of("Legendre")[NODES:]
