@@ -42,6 +42,12 @@ def test_counts_and_roots_are_those_of_rational_functions(monkeypatch, ground, l
         for name in ("zeros", "poles", "hidden_modes"):
             roots, true = (repeated(getattr(one, name)) for one in (transfer, expected))
             np.testing.assert_allclose(roots, true, rtol=1e-11, atol=1e-12)
+        for name in ("gain", "dc_gain", "high_frequency_gain"):
+            assert getattr(transfer, name) == pytest.approx(getattr(expected, name), rel=1e-15, abs=0)
+        for at_infinity in (False, True):
+            power, factor = by_states.leading(channel, at_infinity=at_infinity)
+            true_power, true_factor = by_program.leading(channel, at_infinity=at_infinity)
+            assert (power, factor) == (true_power, pytest.approx(true_factor, rel=1e-15, abs=0))
 
 
 def test_a_symmetric_lattice_hides_modes_and_repeats_others(monkeypatch):

@@ -203,7 +203,13 @@ def _roots_error(side: int, roots: Any) -> float:
 
 
 def _scene(network: Callable[[int], _Network], *results: str) -> Callable[[int], Any]:
-    return lambda size: network(size).scene(*results)
+    return lambda size: _with_text(network(size).scene(*results))
+
+
+def _with_text(scene: Any) -> Any:
+    """Return a scene whose text is written, as it is of a scene that was read: a result has it."""
+    scene.to_yaml()
+    return scene
 
 
 def _responses(title: str, size: str, network: Callable[[int], _Network], sizes: Any, full: Any) -> Benchmark:
@@ -245,7 +251,11 @@ CHAIN_WHOLE = Benchmark(
     sizes=(1000, 10_000),
     full=(30_000,),
     alternatives=(
-        Alternative("dynid", _run, lambda stages: _analysis(*_chain(stages), "m0.f", "frequency_response")),
+        Alternative(
+            "dynid",
+            _run,
+            lambda stages: _with_text(_analysis(*_chain(stages), "m0.f", "frequency_response")),
+        ),
         Alternative("sparse-nodal", _masses, peer=True),
         Alternative("recursion", _recursion, peer=True),
     ),

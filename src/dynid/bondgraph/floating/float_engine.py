@@ -38,6 +38,7 @@ class FloatEngine:
         self.channels = reduced.channels()
         self._spectra: dict[tuple[frozenset[str], bool], RootDiscs] = {}
         self._found: dict[Channel, _FloatTransferFunction] = {}
+        self._terms: tuple[dict[Channel, tuple[int, float]], ...] = ({}, {})  # at 0, at infinity
         self._states = self._state_counts()
         if self._states:
             self.counts, self.natural_counts, self._zero_counts = {}, {}, {}
@@ -93,18 +94,27 @@ class FloatEngine:
                 return refined(zero_equations(self.reduced, channel), starts)
         return spectrum(zero_equations(self.reduced, channel), exact=exact)
 
-    @cached_property
-    def at_zero(self) -> dict[int, tuple[int, float]]:
-        """The leading term of every channel as s falls to 0: power and coefficient."""
-        return leading_terms(self.reduced, self._reached(), at_infinity=False)
+    def leading(self, channel: Channel, *, at_infinity: bool) -> tuple[int, float]:
+        """Return the leading term, as s falls to 0 or grows, of a channel that is not zero: power, factor."""
+        if channel not in self._terms[at_infinity]:
+            self._terms[at_infinity].update(self._leading_terms(channel, at_infinity))
+        return self._terms[at_infinity][channel]
 
-    @cached_property
-    def at_infinity(self) -> dict[int, tuple[int, float]]:
-        """The leading term of every channel as s grows."""
-        return leading_terms(self.reduced, self._reached(), at_infinity=True)
-
-    def _reached(self) -> list[int]:
-        return [self.channels[c] for c, (above, _) in self.counts.items() if above.degree >= 0]
+    def _leading_terms(self, channel: Channel, at_infinity: bool) -> dict[Channel, tuple[int, float]]:
+        """Return the leading terms of a channel, or of all where they are those of one program."""
+        above, below = self.counts[channel]
+        if self._states:
+            states, source = self._states[channel[0]], channel[1]
+            if at_infinity:
+                power = above.degree - below.degree
+                return {channel: (power, states.leading_at_infinity(source, -power))}
+            if not self.natural_counts[channel[0]].at_origin:
+                factor = states.leading_at_rest(source, above.at_origin)
+                if factor is not None:
+                    return {channel: (above.at_origin, factor)}
+        registers = {c: self.channels[c] for c, (reached, _) in self.counts.items() if reached.degree >= 0}
+        terms = leading_terms(self.reduced, registers.values(), at_infinity=at_infinity)
+        return {reached_channel: terms[register] for reached_channel, register in registers.items()}
 
 
 class _FloatTransferFunction(TransferProperties):
@@ -135,19 +145,19 @@ class _FloatTransferFunction(TransferProperties):
     @property
     def gain(self) -> float:
         """The factor k of T(s) = k prod(s - zeros) / prod(s - poles)."""
-        return 0.0 if self.vanishes else self.engine.at_infinity[self._register][1]
+        return 0.0 if self.vanishes else self.engine.leading(self.channel, at_infinity=True)[1]
 
     @property
     def dc_gain(self) -> float:
         """The limit of T(s) as s falls to 0 through positive values."""
-        return 0.0 if self.vanishes else _limit(*self.engine.at_zero[self._register])
+        return 0.0 if self.vanishes else _limit(*self.engine.leading(self.channel, at_infinity=False))
 
     @property
     def high_frequency_gain(self) -> float:
         """The limit of T(s) as s grows through positive values."""
         if self.vanishes:
             return 0.0
-        power, coefficient = self.engine.at_infinity[self._register]
+        power, coefficient = self.engine.leading(self.channel, at_infinity=True)
         return _limit(-power, coefficient)
 
     @property
@@ -168,10 +178,6 @@ class _FloatTransferFunction(TransferProperties):
             return hidden
         rest = [replace(root, multiplicity=root.multiplicity - (root.value == 0)) for root in hidden]
         return tuple(root for root in rest if root.multiplicity)
-
-    @property
-    def _register(self) -> int:
-        return self.engine.channels[self.channel]
 
     @cached_property
     def _roots(self) -> tuple[tuple[EstimatedRoot, ...], ...]:

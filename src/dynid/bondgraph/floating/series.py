@@ -19,7 +19,7 @@ from dynid.errors import NumericalError
 _FIRST_TERMS, _LAST_TERMS = 1, 256
 #: Bits of the balls, until they say all of the first term that a double can.
 SERIES_PRECISIONS = (128, 1024, 8192, 65536)
-_MIN_SERIES_BITS = 100
+MIN_SERIES_BITS = 100
 _NO_END = 1 << 60
 
 
@@ -114,7 +114,7 @@ class _CertifiedNumber:
     @property
     def is_sharp(self) -> bool:
         """True where the ball determines the nearest double."""
-        return bool(self.ball.rel_accuracy_bits() > _MIN_SERIES_BITS)
+        return bool(self.ball.rel_accuracy_bits() > MIN_SERIES_BITS)
 
 
 class _Point(NamedTuple):
@@ -164,8 +164,13 @@ def _sharp(
             run, _ = _expanded(planned, requested, _certain(planned, power), is_known, terms)
         if all(series.coefficients[0].is_sharp for series in run.values() if series.coefficients):
             return run
-    raise NumericalError(
-        f"a response of this graph at rest or for fast inputs is lost to round-off at {precisions[-1]} bits",
+    raise lost_to_round_off(precisions[-1])
+
+
+def lost_to_round_off(bits: int = SERIES_PRECISIONS[-1]) -> NumericalError:
+    """Return the error for a first term that no working precision gives."""
+    return NumericalError(
+        f"a response of this graph at rest or for fast inputs is lost to round-off at {bits} bits",
         remedy="Ask for fewer stages, or for its zeros and poles instead.",
     )
 

@@ -147,6 +147,10 @@ def _float(value: Any) -> float:
         return float(np.inf)
 
 
+#: Size of a pencil from which its columns are ordered once, and real roots have real factors.
+_ORDERED_ONCE = 100
+
+
 class _Pencil:
     """The equations of a block as a sparse matrix A + s E."""
 
@@ -160,6 +164,9 @@ class _Pencil:
         self.size = len(block)
         keys = np.array(list(entries), dtype=np.int32)
         values = np.array(list(entries.values()))
+        self.large = self.size >= _ORDERED_ONCE
+        if self.large:
+            keys[:, 1] = _elimination_order(keys, self.size)[keys[:, 1]]
         order = np.lexsort((keys[:, 0], keys[:, 1]))  # compressed by columns
         self.rows, self.columns = np.ascontiguousarray(keys[order].T)
         self.constant, self.slope = np.ascontiguousarray(values[order].T)
@@ -272,15 +279,16 @@ class _Pencil:
             scaled = sizes * row[:, self.rows] * column[:, self.columns]
             column /= np.exp2(np.round(np.log2(np.maximum.reduceat(scaled, self.starts_of[:-1], axis=1))))
         scale = row[:, self.rows] * column[:, self.columns]
-        solve = self._solver(s, reach, scale)
-        x = np.tile(self.seed.astype(np.complex128), (len(s), 1))
+        at = s.real if self.large and not s.imag.any() else s
+        solve = self._solver(at, reach, scale)
+        x = np.tile(self.seed.astype(at.dtype), (len(s), 1))
         for _ in range(_MAX_INVERSE_ITERATIONS):
             y = solve(x / np.max(np.abs(x), axis=1, keepdims=True), "H")
             x = solve(y / np.max(np.abs(y), axis=1, keepdims=True), "N")
         return x * column, y * row
 
     def _solver(
-        self, s: NDArray[np.complex128], reach: NDArray[np.float64], scale: NDArray[np.float64]
+        self, s: NDArray[Any], reach: NDArray[np.float64], scale: NDArray[np.float64]
     ) -> _Solver:
         """Factorise the equilibrated matrices; one that is exactly singular a little beside its root."""
         from scipy.sparse import csc_array
@@ -292,11 +300,13 @@ class _Pencil:
         rows, starts = (first * n + self.rows).ravel(), (first * len(self.rows) + self.starts_of[:-1]).ravel()
         starts = np.append(starts, np.int32(count * len(self.rows)))
         nearby = (0.0, *(share * size for size in (reach[0], self.unit) for share in _SINGULAR_SHIFTS))
+        # Columns that are ordered already, one at a time: the others have less fill than in panels.
+        options = {"permc_spec": "NATURAL", "relax": 1, "panel_size": 1} if self.large else {}
         for shift in nearby if count == 1 else (0.0,):
             entries = (self.constant + (s[:, None] + shift) * self.slope) * scale
             matrix = csc_array((entries.ravel(), rows, starts), shape=(count * n, count * n))
             try:
-                factors = splu(matrix)
+                factors = splu(matrix, **options)
             except RuntimeError:
                 continue
             return lambda b, trans: factors.solve(b.ravel(), trans=trans).reshape(count, n)
@@ -310,6 +320,18 @@ class _Pencil:
         return lambda b, trans: np.concatenate(
             [solve(b[half], trans) for solve, half in zip(solvers, halves, strict=True)]
         )
+
+
+def _elimination_order(keys: NDArray[np.int32], size: int) -> NDArray[np.int32]:
+    """Return the positions of columns in an order with little fill; as they are where none is found."""
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import splu
+
+    generic = np.random.default_rng(0).uniform(0.5, 1.5, len(keys))
+    try:
+        return np.asarray(splu(csc_array((generic, keys.T), shape=(size, size))).perm_c)
+    except RuntimeError:  # singular whatever its entries
+        return np.arange(size, dtype=np.int32)
 
 
 # --- systems of equations -------------------------------------------------------------------------

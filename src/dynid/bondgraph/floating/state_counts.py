@@ -17,10 +17,16 @@ import numpy as np
 from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, solve
 from dynid.bondgraph.floating.roots import RootCounts
+from dynid.bondgraph.floating.series import MIN_SERIES_BITS, SERIES_PRECISIONS, lost_to_round_off
 from dynid.bondgraph.graph import Port
 
 if TYPE_CHECKING:
     from dynid.bondgraph.reduced_graph import ReducedGraph
+
+
+# Last step of a refinement, relative to the solution: two steps more than doubles hold, each of which gains
+# this factor at least. A sum that is a smaller part of its terms has cancelled.
+_SETTLED, _CONTRACTED, _CANCELLED = 1e-24, 1e-3, 1e-6
 
 
 class StateCounts:
@@ -48,6 +54,67 @@ class StateCounts:
         if any(len(symbol) == 3 and symbol[2] for row in (*rates.values(), form) for symbol in row):
             return None
         return cls(rates, form, reduced.inputs, reduced.modulo().prime)
+
+    def _sparse(self, source: str) -> tuple[list[dict[int, Any]], list[Any], dict[int, Any], Any]:
+        """Return A by rows, b, c and d of a channel in balls of the working precision."""
+        from flint import arb
+
+        drive, c = ("u", source, 0), {}
+        A: list[dict[int, Any]] = [{} for _ in self._rows]
+        b = [arb(form[drive]) if drive in form else arb(0) for form in self._rows]
+        for row, form in zip([*A, c], [*self._rows, self._output], strict=True):
+            row |= {self._column[symbol]: arb(value) for symbol, value in form.items() if len(symbol) == 2}
+        return A, b, c, arb(self._output[drive]) if drive in self._output else arb(0)
+
+    def leading_at_infinity(self, source: str, power: int) -> float:
+        """Return d, or ``c A^(k-1) b``, of a channel that falls with s^-k, k = `power`, known exactly."""
+        from flint import arb, ctx
+
+        for precision in SERIES_PRECISIONS:
+            with ctx.workprec(precision):
+                A, x, c, value = self._sparse(source)
+                for _ in range(power - 1):
+                    x = _product(A, x)
+                if power:
+                    value = sum((factor * x[k] for k, factor in c.items()), arb(0))
+                if value.rel_accuracy_bits() > MIN_SERIES_BITS:
+                    return float(value)
+        raise lost_to_round_off()
+
+    def leading_at_rest(self, source: str, power: int) -> float | None:
+        """Return d - ``c A^-1 b``, or - ``c A^-(k+1) b`` of a channel that rises with s^k, k = `power`.
+
+        A is regular. Solutions by rounded factors are refined to twice their digits and more. None where the
+        refinement stalls, or the terms of the sum cancel.
+        """
+        from flint import arb, ctx
+        from scipy.sparse import csc_array
+        from scipy.sparse.linalg import splu
+
+        with ctx.workprec(SERIES_PRECISIONS[0]):
+            A, x, c, value = self._sparse(source)
+            rows, columns, entries = zip(
+                *((i, k, float(a)) for i, row in enumerate(A) for k, a in row.items()), strict=True
+            )
+            try:
+                factors = splu(csc_array((entries, (rows, columns)), shape=(self._size, self._size)))
+            except RuntimeError:  # singular to rounding
+                return None
+            for _ in range(power + 1):
+                solution, residual, size = [arb(0)] * self._size, x, np.inf
+                while size > _SETTLED:
+                    step = factors.solve(np.array([float(part) for part in residual]))
+                    solution = [part + arb(float(more)) for part, more in zip(solution, step, strict=True)]
+                    largest = max(abs(float(part)) for part in solution)
+                    before, size = size, float(np.abs(step).max()) / largest if largest else 0.0
+                    if not size < _CONTRACTED * before:
+                        return None
+                    moved = _product(A, solution)
+                    residual = [(part - force).mid() for part, force in zip(x, moved, strict=True)]
+                x = [part.mid() for part in solution]
+            terms = [value if power == 0 else arb(0), *(-factor * x[k] for k, factor in c.items())]
+            limit = float(sum(terms, arb(0)))
+            return limit if abs(limit) > _CANCELLED * sum(abs(float(term)) for term in terms) else None
 
     def _dense(self, number: Any, zero: Any, source: str) -> tuple[Any, list[Any], list[Any], Any]:
         """Return A as a list of rows, b, c and d of a channel, in some numbers."""
@@ -100,6 +167,13 @@ class StateCounts:
         if not np.isfinite(A).all():
             return np.full(count, np.nan, dtype=complex)
         return np.linalg.eigvals(A).astype(np.complex128)
+
+
+def _product(A: list[dict[int, Any]], x: list[Any]) -> list[Any]:
+    """Return A x in balls."""
+    from flint import arb
+
+    return [sum((value * x[k] for k, value in row.items() if x[k]), arb(0)) for row in A]
 
 
 def _without_last(A: Array, b: Array, c: Array) -> tuple[Array, Array, Array, Any]:
