@@ -98,3 +98,11 @@ def test_the_roots_of_a_lattice_take_few_operations():
         result = run_scene(scene)
     (zeros,) = (result[path].data for path in result if path.endswith("/zeros"))
     assert len(zeros) == 64
+
+
+def test_properties_of_a_lattice_take_little_more_than_its_roots():
+    """Gains by expansions of the program took twenty times the calls here."""
+    scene = _lattice(9).scene("properties")
+    run_scene(scene)
+    with at_most(calls=300_000):
+        run_scene(scene)

@@ -287,9 +287,7 @@ class _Pencil:
             x = solve(y / np.max(np.abs(y), axis=1, keepdims=True), "N")
         return x * column, y * row
 
-    def _solver(
-        self, s: NDArray[Any], reach: NDArray[np.float64], scale: NDArray[np.float64]
-    ) -> _Solver:
+    def _solver(self, s: NDArray[Any], reach: NDArray[np.float64], scale: NDArray[np.float64]) -> _Solver:
         """Factorise the equilibrated matrices; one that is exactly singular a little beside its root."""
         from scipy.sparse import csc_array
         from scipy.sparse.linalg import splu
