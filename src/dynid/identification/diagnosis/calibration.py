@@ -152,15 +152,24 @@ def _of_record(record: TimeRecord, fit: RecordFit, noise: Array) -> _Calibration
     mixed = record.colour is not None and record.colour.mixing is not None
     columns += [measured * unit for unit in np.eye(channels)] if mixed else [measured]
     influential, blocks = record.influential(fit), []
+    decays, start = record.decays(fit.eta), fit.predicted.start
     beside = 0 if freed is None else 2 * len(freed.unknowns)
-    for block in record.channel_blocks(beside + len(columns)):
-        predicted = record.predicted(fit, block)
-        parts = [column[:, block, None] for column in columns]
+    for block in record.channel_blocks(beside + len(columns), shared=decays is not None):
+        if decays is None:
+            predicted = record.predicted(fit, block)
+        else:
+            predicted = record.prediction_from(fit.eta, start, model, block, by_state=False)
+        parts = [predicted.by_parameter, *(column[:, block, None] for column in columns)]
         if freed is not None:
-            moved = record.with_model(freed).prediction_from(eta, fit.predicted.start, model, block)
-            parts.insert(count, moved.by_parameter[..., places])
-        both = np.concatenate([predicted.by_parameter, *parts], axis=2)
-        blocks.append(record.triangles(influential[:, block], predicted.by_state, both, block)[0])
+            other = record.with_model(freed)
+            moved = other.prediction_from(eta, start, model, block, by_state=False).by_parameter
+            parts.insert(1 + count, moved[..., places])
+        first, last, width = block.start, block.stop, block.stop - block.start if decays is None else 1
+        for c in range(first, last, width):
+            inner, outer = slice(c - first, c - first + width), slice(c, c + width)
+            both = np.concatenate([part[:, inner] for part in parts], axis=2)
+            by_state = predicted.by_state if decays is None else decays.by_state(c)[:, None]
+            blocks.append(record.triangles(influential[:, outer], by_state, both, outer)[0])
     rows = np.concatenate(blocks)[..., :-1]
     rows *= (record.data.rms / noise)[:, None, None]
     # The gain of a channel acts on the rows of that channel alone.

@@ -103,7 +103,13 @@ class NonlinearRecord(TimeRecord):
         )
 
     def prediction_from(
-        self, eta: Array, start: Array, model: ParametricModel, channels: slice = ALL_CHANNELS
+        self,
+        eta: Array,
+        start: Array,
+        model: ParametricModel,
+        channels: slice = ALL_CHANNELS,
+        *,
+        by_state: bool = True,  # noqa: ARG002 - they come with the others
     ) -> Prediction:
         """Return the prediction of channels at coordinates `eta` from a start in the units of a model."""
         n = model.states

@@ -55,7 +55,7 @@ _EVEN = ("d2", "dv")
 # Most numbers of a record's columns: of a longer record the first samples are tested.
 _MAX_NUMBERS = 30_000_000
 # Numbers of the states of the responses after which these are carried on: they do not fill the memory.
-_MAX_RUN_NUMBERS = 2_000_000
+_MAX_RUN_NUMBERS = 400_000
 # Eigenvalues of products of unit columns below this part of the largest are linear dependence, to rounding.
 _RANK_TOL = 1e-9
 # Part of a column's square that is left beside others below which it is one of them, to rounding.

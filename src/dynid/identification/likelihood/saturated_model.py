@@ -122,14 +122,15 @@ class Regressors:
 
     @cached_property
     def directions(self) -> tuple[Directions, Array]:
-        """Their directions, and those that complete the range of regressors and decays (any x rows)."""
+        """Their directions, and all of the range of regressors and decays, these first (any x rows)."""
         count, decays = self.values.shape[1], self.decays
         columns = self.values if decays is None else np.concatenate([self.values, decays], axis=1)
         norms = np.linalg.norm(columns, axis=0)
         Q, R = np.linalg.qr(columns / np.where(norms > 0, norms, 1.0))
         places, size, vectors = _directions(R[:, :count])
         rest = np.linalg.qr(vectors.T, mode="complete")[0].T[len(places) :]
-        return Directions(places, size * norms[places], vectors @ Q.T), rest @ Q.T
+        both = np.concatenate([vectors, rest]) @ Q.T
+        return Directions(places, size * norms[places], both[: len(places)]), both
 
     def labels_with(self, *widths: int) -> Labels:
         """Return kinds, groups, poles, rates with so many columns of the scene, faults and delays after."""
@@ -399,16 +400,18 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     norms = np.linalg.norm(columns, axis=1)
     columns /= np.where(norms > 0, norms, 1.0)[:, None]
     p, n, max_rank = channel.by_parameter.shape[1], channel.by_state.shape[1], int(count) - 1
-    directions, decays = shared.directions
+    directions, both = shared.directions
     places, size, basis = directions.first(max_rank)
-    both = np.concatenate([basis, decays])
+    if len(basis) < len(directions.places):  # more than there are values
+        both = np.concatenate([basis, both[len(directions.places) :]])
     inside = columns @ both.T
     # Derivatives by the state are in the range of those directions, but for rounding.
     columns -= inside @ both
     new = np.flatnonzero(np.linalg.norm(columns, axis=1) > _RANGE_ROUND_OFF)
     further = np.linalg.qr(columns[new].T, mode="r")
-    beside = np.zeros((len(decays) + len(further), len(columns)))
-    beside[: len(decays)], beside[len(decays) :, new] = inside[:, len(places) :].T, further
+    decays = len(both) - len(places)
+    beside = np.zeros((decays + len(further), len(columns)))
+    beside[:decays], beside[decays:, new] = inside[:, len(places) :].T, further
     norms *= largest
     own = _directions(beside[:, : -len(compared)]).first(max_rank - len(places))
     R = np.concatenate([inside[:, : len(places)].T, own.vectors @ beside]) * norms

@@ -61,6 +61,8 @@ _PRIOR_WIDTH = 10.0
 _MAX_KEPT_NUMBERS = 1_000_000
 # Most numbers of sensitivities that are held at once, of a block of channels or of steps: 32 MB.
 _MAX_BLOCK_NUMBERS = 4_000_000
+# Those of large models that share decays, whose sensitivities are dear: 64 MB.
+_MAX_SHARED_NUMBERS = 8_000_000
 # Fewest evaluations that a search may take: those that rank one round of starts.
 _MIN_RECORD_EVALUATIONS = 256
 # The exponential of a matrix and each of its derivatives take so many products of its size.
@@ -275,12 +277,12 @@ class TimeRecord(RecordLikelihood):
         counts = np.full(len(rms), len(values))
         return Trajectory(outputs, states, start), residual, rows, counts
 
-    def _sensitive(self, eta: Array, start: Array) -> Prediction:
-        """Return the prediction from a first state, without derivatives by it."""
+    def _sensitive(self, eta: Array, start: Array, channels: slice = ALL_CHANNELS) -> Prediction:
+        """Return the prediction of channels from a first state, without derivatives by it."""
         # Large matrices multiply faster in NumPy, run by run.
         steps = [self.model.transition(eta, h) for h in self.model.line.lengths]
         none = np.zeros((len(self.data.values), 0))
-        return prediction(self.model, eta, start, Free(none, none[..., None]), steps)
+        return prediction(self.model, eta, start, Free(none, none[..., None]), steps, channels)
 
     @property
     def _fitted_in_blocks(self) -> bool:
@@ -300,16 +302,17 @@ class TimeRecord(RecordLikelihood):
         samples, channels = self.data.values.shape
         check_sensitivities(samples, channels, self.nuisances)
 
-    def channel_blocks(self, beside: int = 0) -> list[slice]:
+    def channel_blocks(self, beside: int = 0, *, shared: bool = False) -> list[slice]:
         """Return the channels whose sensitivities are held at once; all where they depend on each other.
 
-        `beside`: number of further columns of each.
+        `beside`: number of further columns of each; `shared`: decays are, derivatives by the state not held.
         """
         channels = len(self.data.rms)
         size = channels
         if self._fitted_in_blocks and self.superposes:
-            numbers = len(self.data.values) * (self.nuisances + self.model.parameters + beside)
-            size = max(1, _MAX_BLOCK_NUMBERS // numbers)
+            columns = self.model.parameters + beside + (0 if shared else self.nuisances)
+            limit = _MAX_SHARED_NUMBERS if shared else _MAX_BLOCK_NUMBERS
+            size = max(1, limit // (len(self.data.values) * columns))
         return [slice(first, min(first + size, channels)) for first in range(0, channels, size)]
 
     def predicted(self, fit: RecordFit, channels: slice = ALL_CHANNELS) -> Prediction:
@@ -324,11 +327,26 @@ class TimeRecord(RecordLikelihood):
         return replace(self, model=model)
 
     def prediction_from(
-        self, eta: Array, start: Array, model: ParametricModel, channels: slice = ALL_CHANNELS
+        self,
+        eta: Array,
+        start: Array,
+        model: ParametricModel,
+        channels: slice = ALL_CHANNELS,
+        *,
+        by_state: bool = True,
     ) -> Prediction:
-        """Return the prediction of channels at coordinates `eta` from a start in the units of a model."""
+        """Return the prediction of channels at coordinates `eta` from a start in the units of a model.
+
+        `by_state`: False: derivatives by the first state may be left out.
+        """
+        start = start * (model.scale / self.model.scale)
+        if (decays := self.decays(eta)) is not None:
+            predicted = self._sensitive(eta, start, channels)
+            if not by_state:
+                return predicted
+            return predicted._replace(by_state=np.moveaxis(decays.columns @ decays.weights[channels], 0, 1))
         free, steps = free_prediction(self.model, eta, channels)
-        return prediction(self.model, eta, start * (model.scale / self.model.scale), free, steps, channels)
+        return prediction(self.model, eta, start, free, steps, channels)
 
     def state_slopes(self, fit: RecordFit) -> Array | None:  # noqa: ARG002
         """Return the derivatives of the states (times x n, scaled) by first states and coordinates (… x q).

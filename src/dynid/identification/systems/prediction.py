@@ -23,8 +23,8 @@ Steps: TypeAlias = "list[Transition] | Linear"
 ALL_CHANNELS = slice(None)
 # Runs are cut at so many steps: work arrays do not grow with the record.
 _LONGEST_RUN = 4096
-# Most numbers of states and their sensitivities of a run: 8 MB.
-_MAX_RUN_NUMBERS = 1_000_000
+# Most numbers of states and their sensitivities of a run: 2 MB.
+_MAX_RUN_NUMBERS = 250_000
 
 
 class Free(NamedTuple):
