@@ -184,20 +184,20 @@ class ParametricModel:
         assert self.affine is not None
         return DirectTerm((self.line.inputs() * self.acting) @ self.affine.D[0].T, None)
 
-    def direct(self, eta: Array) -> DirectTerm:
-        """Return the direct effect of the loads on the channels, and the channels' offsets."""
+    def direct(self, eta: Array, channels: slice = slice(None)) -> DirectTerm:
+        """Return the direct effect of the loads on channels, and the channels' offsets."""
         if self.affine is not None:
-            return self._constant_direct
+            return DirectTerm(self._constant_direct.value[:, channels], None)
         matrices = self.at(eta)
         inputs = [self.line.inputs(order) * self.acting for order in range(len(matrices.D))]
-        value = sum((u @ D.T for u, D in zip(inputs, matrices.D, strict=True)), np.zeros(()))
+        value = sum((u @ D[channels].T for u, D in zip(inputs, matrices.D, strict=True)), np.zeros(()))
         slopes = None
         if matrices.D_slopes.any():
             pairs = zip(inputs, matrices.D_slopes.swapaxes(0, 1), strict=True)
-            slopes = sum((u @ D.swapaxes(1, 2) for u, D in pairs), np.zeros(()))
+            slopes = sum((u @ D[:, channels].swapaxes(1, 2) for u, D in pairs), np.zeros(()))
         if not self.instruments.ideal:
             offset, change = self.instruments.numbers(self.instruments.offsets, named(self.unknowns, eta))
-            value = value + offset
+            value, change = value + offset[channels], change[:, channels]
             if change.any():
                 moved = (change * rates(self.unknowns, eta)[:, None])[:, None]
                 slopes = (0.0 if slopes is None else slopes) + np.repeat(moved, len(value), axis=1)

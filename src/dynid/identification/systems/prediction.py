@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array
-from dynid.identification.systems.parametric_model import DirectTerm, ParametricModel, Transition
+from dynid.identification.systems.parametric_model import ParametricModel, Transition
 from dynid.lti.recurrence import free_response, recurrence
 from dynid.native import compiled
 
@@ -78,7 +78,7 @@ def free_prediction(model: ParametricModel, eta: Array, channels: slice = ALL_CH
         from dynid.identification.systems import kernels
 
         at = kernels.steps_at(model, eta)
-        C, direct = model.output(eta)[0][channels], model.direct(eta).value[:, channels]
+        C, direct = model.output(eta)[0][channels], model.direct(eta, channels).value
         outputs, by_state = kernels.free(model, at, C, direct)
         return Free(model.gathered(outputs), model.gathered(by_state)), at
     transitions = [model.transition(eta, h) for h in line.lengths]
@@ -96,7 +96,7 @@ def free_prediction(model: ParametricModel, eta: Array, channels: slice = ALL_CH
         by_nodes, state = free_response(Phi, state, C, last - first)
         here = sample_of[after]
         by_state[here[here >= 0]] = by_nodes[here >= 0]
-    outputs = forced[line.wanted] @ C.T + model.direct(eta).value[:, channels]
+    outputs = forced[line.wanted] @ C.T + model.direct(eta, channels).value
     return Free(model.gathered(outputs), model.gathered(by_state)), transitions
 
 
@@ -115,13 +115,8 @@ def prediction(
     """
     model = model.moved(eta)
     n, p = model.states, model.parameters
-    (C, C_slopes), direct = model.output(eta), model.direct(eta)
-    direct_slopes = None if direct.slopes is None else direct.slopes[..., channels]
-    C, C_slopes, direct = (
-        C[channels],
-        C_slopes[:, channels],
-        DirectTerm(direct.value[:, channels], direct_slopes),
-    )
+    (C, C_slopes), direct = model.output(eta), model.direct(eta, channels)
+    C, C_slopes = C[channels], C_slopes[:, channels]
     if not isinstance(steps, list):
         from dynid.identification.systems import kernels
 
