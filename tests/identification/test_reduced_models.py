@@ -1,15 +1,20 @@
 """Joints identified with reduced models, from records of the full structure."""
 
+import importlib
+from collections import Counter
+
 import numpy as np
 import pytest
 
 import dynid
 from dynid.errors import DynidError
+from dynid.identification.estimators import filter_passes, multi_start
 from dynid.scene.kinds.identification import interest_of, reduction_of, responding_structure
 from dynid.scene.run import preparation_errors
 from dynid.structure.reduction.mode_selection import Interest
 from tests.scene.example_scenes import JOINTS, check, faults_of
 
+identify_module = importlib.import_module("dynid.identification.identify")
 BEAM = """\
 dynid: 1
 kind: identification
@@ -47,6 +52,32 @@ def test_a_basis_that_follows_the_joints_finds_them_where_the_papers_does_not():
     assert result.value("identification/diagnostics/passes") > 2  # the basis was made anew
     _, paper = errors(BEAM.replace(AWARE, SEREP))
     assert paper.max() > 20
+
+
+def test_a_rebuilt_basis_costs_its_own_fits_and_no_search_again(monkeypatch):
+    """However often it is rebuilt: one filter pass, and a comparison of models at the first and last."""
+    counts = Counter()
+
+    def counted(module, name):
+        function = getattr(module, name)
+
+        def call(*args, **kwargs):
+            counts[name] += 1
+            return function(*args, **kwargs)
+
+        monkeypatch.setattr(module, name, call)
+
+    counted(filter_passes, "filter_pass")
+    counted(multi_start, "compare_models")
+    counted(identify_module, "_estimated")
+    text = BEAM.replace("{method: filter, passes: 2}", "{method: auto}")
+    noisy = text.replace("noise_ratio: 0,", "noise_ratio: 0.05,").replace("model: full", "model: reduced")
+    result, error = errors(noisy)
+    assert counts["_estimated"] > 1
+    assert (counts["filter_pass"], counts["compare_models"]) == (1, 1)
+    assert result.value("identification/diagnostics/converged")
+    assert result["identification/diagnostics/distance_to_optimum"].data.max() < 1e-4
+    assert error.max() < 10
 
 
 def test_joints_get_residual_vectors_where_neither_these_nor_masters_are_named():
