@@ -101,8 +101,8 @@ def test_the_roots_of_a_lattice_take_few_operations():
 
 
 def test_properties_of_a_lattice_take_little_more_than_its_roots():
-    """Gains by expansions of the program took twenty times the calls here."""
+    """Gains by expansions of the program took five times the calls here."""
     scene = _lattice(9).scene("properties")
     run_scene(scene)
-    with at_most(calls=300_000):
+    with at_most(calls=150_000):
         run_scene(scene)

@@ -1,5 +1,7 @@
 """The lowest modes of sparse structures: against closed forms, with none missed."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -7,12 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
+from dynid.bench.meshes import plate
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure.assembly import Support
-from dynid.structure.backends import BACKENDS, backend_for
+from dynid.structure.backends import BACKENDS, Factorisation, backend_for
 from dynid.structure.frame import beam
+from dynid.structure.model import StructuralModel
 from dynid.structure.modes import modes, remembered_modes, sparse
 from dynid.structure.modes.sparse import SparseSpectrum
+from dynid.structure.reduction.condensation import Guyan
+from dynid.structure.reduction.modal import CraigBampton
+from dynid.structure.reduction.mode_selection import ModeRange
+from dynid.structure.reduction_comparison import compare
 
 from .pencils import free_string, grid, string
 
@@ -296,3 +304,39 @@ def test_the_same_modes_are_computed_once(monkeypatch):
         assert computed == [5, 6, 6, 6, 6]
     modes(M, C, K, 3)
     assert computed == [5, 6, 6, 6, 6, 3]
+
+
+@pytest.fixture
+def work(monkeypatch):
+    """Numbers of factorisations and of solutions with their factors."""
+    counts = Counter()
+
+    def counted(name, method):
+        def call(self, *arguments, **options):
+            counts[name] += 1
+            return method(self, *arguments, **options)
+
+        return call
+
+    for name, label in (("__init__", "factorisations"), ("_finite_solution", "solutions")):
+        monkeypatch.setattr(Factorisation, name, counted(label, getattr(Factorisation, name)))
+    return counts
+
+
+def test_many_modes_take_two_factorisations_and_no_restart(work):
+    K, M = plate(20)
+    assert len(modes(M, sp.csc_array(K.shape), K, 100, backend="splu").omega) == 100
+    assert work["factorisations"] == 2  # the other one counts
+    assert work["solutions"] <= 250
+
+
+def test_a_comparison_costs_less_than_ten_times_the_reductions(work):
+    K, M = plate(20)
+    model, masters = StructuralModel(M, sp.csc_array(K.shape), K), list(range(100, 1000, 45))
+    methods = {"craig-bampton": CraigBampton(masters, modes=ModeRange(count=10)), "guyan": Guyan(masters)}
+    compare(model, methods, references=False)
+    reductions = Counter(work)
+    assert reductions["factorisations"] <= 4  # two stiffnesses of slaves, fixed modes and their count
+    compare(model, methods)
+    assert work["factorisations"] - reductions["factorisations"] == reductions["factorisations"] + 2
+    assert work["solutions"] - reductions["solutions"] < 10 * reductions["solutions"]
