@@ -800,3 +800,28 @@ analysis: {{inputs: [wanted], outputs: [k.q], results: [properties]}}
 """)
     )
     assert dynid.run(scene).value("bond_graph/system/stable") is stable
+
+
+def test_poles_of_loops_with_delays_include_modes_that_cancel_in_them():
+    """The zero of a PI controller cancels the pole of the plant at -2, which no loop moves."""
+    text = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {u: Se, j: 1, J: {type: I, value: 0.5}, b: {type: R, value: 1}}
+  bonds: [u -> j, j -> J, j -> b]
+control:
+  loops: [{from: J.f, to: u, controller: {pid: {kp: 2, ki: 4}, delay: 0.1}, reference: r}]
+analysis: {outputs: [J.f], results: [properties]}
+"""
+    result = dynid.run(check_source(parse_source(text, "scene.yaml")))
+    poles = result["bond_graph/margins/poles"]
+    assert poles.data[0] == -2
+    assert "which do not move them: -2" in poles.attrs["note"]
+    assert np.all(np.diff(poles.data.real) <= 0)
+    for s in poles.data[1:]:  # the others are roots of 1 + 4 exp(-0.1 s) / s
+        assert abs(s + 4 * np.exp(-0.1 * s)) < 1e-10 * abs(s)
+    gains, locus = (result[f"bond_graph/root_locus/loop_1/{name}"].data for name in ("gain", "poles"))
+    (row,) = np.flatnonzero(gains == 1)  # just beyond the gain at which two branches meet
+    for s in poles.data[1:3]:
+        assert np.abs(locus[row] - s).min() < 1e-9

@@ -87,7 +87,7 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     (closed,) = rounded([cut.closed])
     work = Work(_ROOT_WORK, EVALUATIONS)
     if not closed.is_rational:
-        _add_roots(result, closed, system.unstable_poles, work)
+        _add_roots(result, closed, cut.hidden(), system.unstable_poles, work)
     if not names:
         return
     if omega is None:
@@ -187,8 +187,11 @@ def _with_hidden(loop_margins: Margins, hidden: Any) -> Margins:
     return replace(loop_margins, stable=False, stability=verdict, unstable_poles=unstable)
 
 
-def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float, work: Work) -> None:
-    """Add the rightmost roots of the characteristic function with its delays; none of infinitely many."""
+def _add_roots(result: Result, closed: QuasiPolynomial, hidden: Any, unstable: float, work: Work) -> None:
+    """Add the rightmost roots of the characteristic function with its delays; none of infinitely many.
+
+    `hidden`: the polynomial of the modes that cancel in the loops, which are poles as well.
+    """
     if math.isinf(unstable):
         return
     roots, line, others = listed_roots(closed, unstable, work)
@@ -200,9 +203,14 @@ def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float, work: W
     if (chain := _chain(closed)) is not None:
         near = f"; those of high frequency approach the line Re s = {chain:.6g} rad/s"
         note = note + near if closed.degree else f"all poles lie on the line Re s = {chain:.6g} rad/s"
-    values = np.array([root.value for root in roots], complex)
-    result.add_numbered(f"{MARGINS}/pole", values, "rad/s", note=note)
-    result.add(f"{MARGINS}/poles_error_bound", np.array([r.radius for r in roots]), ("pole",), "rad/s")
+    cancelled = [root for root in certified_roots(hidden) if not root.value.real <= line]
+    if cancelled:
+        note += f"; cancelled in the loops, which do not move them: {roots_text(repeated(cancelled))}"
+    listed = [(root.value, root.radius) for root in roots]
+    listed += [(root.value, root.radius) for root in cancelled for _ in range(root.multiplicity)]
+    values, radii = zip(*sorted(listed, key=lambda root: -root[0].real), strict=True) if listed else ((), ())
+    result.add_numbered(f"{MARGINS}/pole", np.array(values, complex), "rad/s", note=note)
+    result.add(f"{MARGINS}/poles_error_bound", np.array(radii, float), ("pole",), "rad/s")
 
 
 def _chain(closed: QuasiPolynomial) -> float | None:
@@ -346,23 +354,23 @@ def _late_branches(
 ) -> NDArray[np.complex128]:
     """Return the roots of k N + D with delays (gain x branch): each from that at the gain before.
 
-    Roots of approximants start further branches at some gains.
+    Roots of approximants start further branches at some gains, and those that end where two branches meet.
     """
     top, bottom = (np.array([int(c) for c in reversed(p.coeffs())], dtype=object) for p in polynomials)
     scale = max(map(abs, [*top, *bottom]))
     top, bottom = np.asarray(top / scale, float), np.asarray(bottom / scale, float)
-    branches, poles = np.full(degree, np.inf, complex), []
+    branches, poles, most = np.full(degree, np.inf, complex), [], 0
     for row, gain in enumerate(gains.tolist()):
-        starts = branches
-        if row % _RESTARTS == 0:
+        roots = functions.reached(branches, [gain, 1.0])
+        if row % _RESTARTS == 0 or np.isfinite(roots).sum() < most:
             closed = np.polyadd(gain * top, bottom)
             closed[np.abs(closed) < _SMALLEST_COEFFICIENT * np.abs(closed).max()] = 0.0
-            starts = np.concatenate([branches, np.roots(closed)])
-        roots = functions.reached(starts, [gain, 1.0])
+            roots = functions.reached(np.concatenate([branches, np.roots(closed)]), [gain, 1.0])
         branches, further = roots[:degree], roots[degree:][np.isfinite(roots[degree:])]
         free = np.flatnonzero(np.isinf(branches))[: len(further)]
         branches[free] = further[: len(free)]
         poles.append(branches.copy())
+        most = max(most, int(np.isfinite(branches).sum()))
     return np.array(poles)
 
 

@@ -32,11 +32,17 @@ _LEAST_SPARE = 10
 _MIN_CLIPPING_SAMPLES = 50
 # Estimators whose filter is that of white noise.
 _WHITE_ONLY = ("filter", "invariant-imbedding")
-#: What may be wrong where a model lacks fit, and what shows it.
-POSSIBLE_CAUSES = (
+#: What may be wrong where a model lacks fit: a joint that is not tested, or one that the score test excludes.
+_POSSIBLE_CAUSES = (
     "Possible causes: a wrong mass or connection, or a nonlinear joint (friction, gap, a stiffness that "
     "depends on the amplitude), whose estimates differ between records of different amplitude"
 )
+_POSSIBLE_LINEAR_CAUSES = (
+    "Possible causes: a wrong mass or connection, or a force that was another one between its samples "
+    "(hold: linear or zero)"
+)
+#: What to do about a joint that is not linear.
+_NEXT_LAWS = "to compare laws for it: estimator: {laws: [linear, cubic, jenkins, gap]}"
 # Difference of the logarithm of the posterior below which optima are equally good.
 _EQUAL_LOG_POSTERIOR = 0.1
 # A parameter differs between optima from this part of a unit on; else priors move it a little.
@@ -138,7 +144,11 @@ def _unique_warnings(posterior: Posterior) -> Iterator[str]:
 def _possible_causes(posterior: Posterior) -> str:
     """Return what may cause a lack of fit: estimates at a limit first, and the test of the joints."""
     tested = posterior.nonlinearity
-    causes = POSSIBLE_CAUSES if tested is None else f"{POSSIBLE_CAUSES}; {tested.verdict}"
+    causes = _POSSIBLE_CAUSES
+    if tested is not None and tested.nonlinear:
+        causes = f"Possible causes: a wrong mass or connection; {tested.verdict}; {_NEXT_LAWS}"
+    elif tested is not None:
+        causes = f"{_POSSIBLE_LINEAR_CAUSES}; {tested.verdict}"
     names, priors = posterior.likelihood.names, posterior.likelihood.priors
     held = np.flatnonzero(priors.at_bound(posterior.fit.eta) & ~priors.fixed)
     if not len(held):

@@ -396,12 +396,13 @@ def _root_locus(result: Result, group: str) -> Chart:
     ):
         inside = values[np.isfinite(values) & (np.abs(values) <= reach)]
         tips = [f"{root:.4g}" if discrete else _root_text(root) for root in inside.tolist()]
-        layers.append(Markers(inside.real, inside.imag, what, cls, symbol, 4.5, tips))
+        if len(inside):
+            layers.append(Markers(inside.real, inside.imag, what, cls, symbol, 4.5, tips))
     axes = _AXES_OF_Z if discrete else AXES
     across, up = (PlotAxis(label, low=-reach, high=reach) for label in axes)
-    note = f" {about_locus['note']}." if "note" in about_locus else ""
+    note = f"; {about_locus['note']}" if "note" in about_locus else ""
     span = f"{short(float(gains[1]))} to {short(float(gains[-1]))}"
-    about = f"{counted(poles.shape[1], 'pole')} over a factor on the gain of the loop, from {span}.{note}"
+    about = f"{counted(poles.shape[1], 'pole')} over a factor on the gain of the loop, from {span}{note}."
     parameter, per_y = ("", 0.0) if discrete else (frequency_label(unit), unit.factor)
     plot = Subplot(across, up, layers, square=True, parameter=parameter, per_y=per_y)
     rows: list[tuple[CellValue, ...]] = [

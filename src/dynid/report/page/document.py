@@ -52,7 +52,7 @@ _LEADING_COLUMNS = 3
 _FIRST = ("created", "dynid_version", "python", "packages", "seed", "folder")
 
 #: Most rows of a table of the answer that are not folded.
-_UNFOLDED_ROWS = 6
+_UNFOLDED_ROWS = 12
 
 
 class _PagePart(NamedTuple):

@@ -24,6 +24,8 @@ _SHADES = 10
 Matrix = tuple[str, NDArray[np.float64], Sequence[str], Sequence[str], tuple[str, str]]
 #: Most rows and columns of a matrix that are drawn; most matrices in a row.
 MOST, _ROW = 40, 3
+#: Columns beyond which cells have short texts.
+_MANY = 10
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,14 @@ class Heatmap(Layer):
             svg.element("path", cls, d="".join(cells), fill_opacity=f"{opacity:.3f}")
 
 
+def _cell_text(text: str, many: bool) -> str:
+    """Return a number in a cell as it is written: 0.87, or .87 without zeros among many."""
+    if not text or float(text) == 0:
+        return "" if many else text and "0"
+    text = text.replace("-", "−")
+    return text.removesuffix(".00").replace("0.", ".") if many else text
+
+
 def matrix_chart(matrices: Sequence[Matrix], ends: tuple[float, float], about: str) -> Chart:
     """Return matrices side by side, with their caption; `ends` are the least and the largest value."""
     several = len(matrices) > 1
@@ -106,7 +116,8 @@ def matrix_chart(matrices: Sequence[Matrix], ends: tuple[float, float], about: s
             for j, b in enumerate(across)
         ]
         texts = [[f"{value:.2f}" if np.isfinite(value) else "" for value in row] for row in shown]
-        texts = [["0" if text and not float(text) else text.replace("-", "−") for text in r] for r in texts]
+        many = len(across) > _MANY  # texts that fit into small cells, and no zeros
+        texts = [[_cell_text(text, many) for text in row] for row in texts]
         tips = [
             [f"{a}, {b}: {short(float(value))}" for b, value in zip(across, row, strict=True)]
             for a, row in zip(down, shown, strict=True)
