@@ -285,7 +285,7 @@ class _Pencil:
         for _ in range(_MAX_INVERSE_ITERATIONS):
             y = solve(x / np.max(np.abs(x), axis=1, keepdims=True), "H")
             x = solve(y / np.max(np.abs(y), axis=1, keepdims=True), "N")
-        return x * column, y * row
+        return np.asarray(x * column, np.complex128), np.asarray(y * row, np.complex128)
 
     def _solver(self, s: NDArray[Any], reach: NDArray[np.float64], scale: NDArray[np.float64]) -> _Solver:
         """Factorise the equilibrated matrices; one that is exactly singular a little beside its root."""
@@ -299,12 +299,14 @@ class _Pencil:
         starts = np.append(starts, np.int32(count * len(self.rows)))
         nearby = (0.0, *(share * size for size in (reach[0], self.unit) for share in _SINGULAR_SHIFTS))
         # Columns that are ordered already, one at a time: the others have less fill than in panels.
-        options = {"permc_spec": "NATURAL", "relax": 1, "panel_size": 1} if self.large else {}
+        options: dict[str, Any] = {}
+        if self.large:
+            options = {"permc_spec": "NATURAL", "relax": 1, "panel_size": 1}
         for shift in nearby if count == 1 else (0.0,):
             entries = (self.constant + (s[:, None] + shift) * self.slope) * scale
             matrix = csc_array((entries.ravel(), rows, starts), shape=(count * n, count * n))
             try:
-                factors = splu(matrix, **options)
+                factors: Any = splu(matrix, **options)
             except RuntimeError:
                 continue
             return lambda b, trans: factors.solve(b.ravel(), trans=trans).reshape(count, n)

@@ -59,7 +59,8 @@ class StateCounts:
         """Return A by rows, b, c and d of a channel in balls of the working precision."""
         from flint import arb
 
-        drive, c = ("u", source, 0), {}
+        drive = ("u", source, 0)
+        c: dict[int, Any] = {}
         A: list[dict[int, Any]] = [{} for _ in self._rows]
         b = [arb(form[drive]) if drive in form else arb(0) for form in self._rows]
         for row, form in zip([*A, c], [*self._rows, self._output], strict=True):

@@ -68,7 +68,8 @@ class Directions(NamedTuple):
 
     def first(self, count: int) -> Directions:
         """Return the first ones, at most so many."""
-        return Directions(*(part[: max(count, 0)] for part in self))
+        few = slice(max(count, 0))
+        return Directions(self.places[few], self.size[few], self.vectors[few])
 
 
 @dataclass(frozen=True, eq=False)

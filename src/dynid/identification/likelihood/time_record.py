@@ -41,7 +41,6 @@ from dynid.identification.systems.prediction import (
     ALL_CHANNELS,
     Free,
     Prediction,
-    Steps,
     Trajectory,
     free_prediction,
     kernels_used,
@@ -53,7 +52,7 @@ from dynid.parameters import rates, starts, values
 from dynid.structure.ports import Channel
 
 if TYPE_CHECKING:
-    from dynid.identification.systems.kernels import FirstState
+    from dynid.identification.systems.kernels import FirstState, Linear
 
 # The prior lets every channel be this many times larger than measured.
 _PRIOR_WIDTH = 10.0
@@ -214,8 +213,8 @@ class TimeRecord(RecordLikelihood):
 
             kept = values.size * model.states <= _MAX_KEPT_NUMBERS
             fitted = kernels.fitted(model, eta, values, self._first_state(noise), kept=kept)
+            assert fitted.factors is not None
             x0, residual, triangles, counts = fitted.start, fitted.residual, fitted.factors, fitted.counts
-            assert triangles is not None
             trajectory = Trajectory(fitted.outputs, fitted.states, x0)
             if fitted.by_state is not None and fitted.by_parameter is not None:
                 predicted = Prediction(*trajectory[:2], fitted.by_parameter, fitted.by_state)
@@ -240,7 +239,7 @@ class TimeRecord(RecordLikelihood):
         return free_decays(self.model, eta)
 
     def _started(
-        self, decays: FreeDecays, at: Steps, eta: Array, values: Array, noise: Array | None
+        self, decays: FreeDecays, at: Linear, eta: Array, values: Array, noise: Array | None
     ) -> tuple[Array, Array, Array]:
         """Return the first state, what `values` have beside the prediction from it, and R times weights."""
         from dynid.identification.systems.kernels import at_rest

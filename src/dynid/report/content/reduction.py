@@ -48,8 +48,8 @@ def _method_table(result: Result) -> TextTable:
         compared = np.isin(modes, sorted(common))
         if f"reduction/{name}/mac" not in result:
             compared[:] = False
-        error = np.abs(_of(result, name, "frequency_error"))[compared] if compared.any() else ()
-        agreement = np.diagonal(_of(result, name, "mac"))[compared] if compared.any() else ()
+        error = np.abs(_of(result, name, "frequency_error"))[compared] if compared.any() else np.zeros(0)
+        agreement = np.diagonal(_of(result, name, "mac"))[compared] if compared.any() else np.zeros(0)
         frac = [f"{result['reduction/frf/frac'].data[index].min():.3f}"] if with_frac else []
         attrs, conditioning = result.group_attrs.get(f"reduction/{name}", {}), ""
         if (condition := result.get(f"reduction/{name}/condition")) is not None:

@@ -70,13 +70,13 @@ class _BuiltSource(Source):
     """A scene of plain data: its text is written, and read for the places in it, where either is used."""
 
     @cached_property
-    def text(self) -> str:  # type: ignore[override]
+    def text(self) -> str:
         from dynid.scene.yaml.writer import dump
 
         return dump(self.data)
 
     @cached_property
-    def marks(self) -> dict[Path, Positions]:  # type: ignore[override]
+    def marks(self) -> dict[Path, Positions]:
         return parse_yaml(self.text, self.file, limited=False)[1]
 
 

@@ -48,7 +48,8 @@ def _represent(dumper: _Dumper, value: Any) -> yaml.ScalarNode:
         text = {"inf": ".inf", "-inf": "-.inf", "nan": ".nan"}.get(repr(value), repr(value))
     else:
         text = "null" if value is None else str(value)
-    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
+    node: yaml.ScalarNode = dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
+    return node
 
 
 def _converted(value: Any) -> Any:

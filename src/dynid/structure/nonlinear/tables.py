@@ -57,7 +57,8 @@ def legendre_coefficients() -> tuple[Array, Array]:
     c, legvander = lobatto()[0], np.polynomial.legendre.legvander
     two = np.linalg.inv(legvander(np.concatenate([c, 1 + c[1:]]) - 1, 2 * NODES - 2))[NODES:]
     two /= 2.0 ** np.arange(NODES, 2 * NODES - 1)[:, None]
-    return np.linalg.inv(legvander(2 * c - 1, NODES - 1))[1:], two
+    within = np.linalg.inv(legvander(2 * c - 1, NODES - 1))[1:]
+    return np.asarray(within, dtype=np.float64), np.asarray(two, dtype=np.float64)
 
 
 def left_out(forces: Array, before: Array | None) -> Array:
@@ -72,7 +73,7 @@ def left_out(forces: Array, before: Array | None) -> Array:
     falling = tail * np.array([decay, decay**1.5, decay**2, decay**2.5])
     if before is None:
         return np.asarray(falling)
-    return np.minimum(falling, np.abs(beyond @ np.concatenate([before, forces[1:]])))
+    return np.asarray(np.minimum(falling, np.abs(beyond @ np.concatenate([before, forces[1:]]))))
 
 
 @cache
