@@ -63,8 +63,8 @@ def method(result: Result) -> str:
     passes = result.value(f"{_DIAGNOSTICS}/passes")
     stages = result["identification/stages/stage"].data
     stage = stages[result.value("identification/stages/chosen") - 1]
-    if stage == "a filter pass":
-        start = ", started by an EKF pass"
+    if stage in ("a filter pass", "output error"):  # the latter: a rebuilt basis is fitted from the estimate
+        start = ", started by an EKF pass" * (stage == "a filter pass")
     else:
         begun = f"{_MEASURED}/omega" in result or has_modes(result)
         start = f" from {stage}" if begun else f" after {stage}"
