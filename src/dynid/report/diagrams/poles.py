@@ -258,6 +258,8 @@ _REACH = 3.0
 _LOOPS = 6
 #: Reach of a root locus in z around the unit circle; twice it at the most.
 _CIRCLE_REACH = 1.25
+#: How far the phases of open loops with delays are drawn at least, degrees below 0.
+_DRAWN_PHASE = 540.0
 _AXES_OF_Z = ("real part of z", "imaginary part of z")
 
 
@@ -287,7 +289,7 @@ def _open_loops(result: Result) -> Chart:
         for name in ("stable", "gain", "phase", "gain_crossover", "phase_crossover", "delay")
     }
     up: list[Layer] = [Curve(at.shown[[0, -1]], [0.0, 0.0], "", "grid", name="|L| = 1")]
-    down, texts = list[Layer](), []
+    down, texts, lowest = list[Layer](), [], -_DRAWN_PHASE
     for k, (name, response) in enumerate(curves):
         phase = degrees(response) if phases is None else phases[k]
         gain, angle, crossover, where, delay = (float(margins[key][k]) for key in [*margins][1:])
@@ -300,6 +302,7 @@ def _open_loops(result: Result) -> Chart:
         )
         if np.isfinite(angle) and at.omega[0] <= crossover <= at.omega[-1]:
             reached = float(np.interp(np.log(crossover), np.log(at.omega), phase))
+            lowest = min(lowest, reached - 180)
             limits = [360 * round((reached + way + 180) / 360) - 180 for way in (-angle, angle)]
             limit = min(limits, key=lambda odd: abs(abs(reached - odd) - angle))  # a multiple of 180°
             ends, title = [crossover * factor] * 2, f"phase margin {angle:.4g}°, delay margin {late}"
@@ -311,7 +314,17 @@ def _open_loops(result: Result) -> Chart:
             up.append(Curve(ends, [level, 0.0], "", series_class(k), name=title))
             up.append(Markers(ends[:1], [level], "", series_class(k), "o", 4, [title]))
     about = f"L(jω) of every loop, the others closed; margins are marked. {'; '.join(texts)}."
-    return bode(about, at, curves, "1", "magnitude of L", phases=phases, marks=(up, down))
+    turning = phases is not None and phases.min() < lowest  # delays turn them on and on
+    return bode(
+        about,
+        at,
+        curves,
+        "1",
+        "magnitude of L",
+        phases=phases,
+        marks=(up, down),
+        low=lowest if turning else None,
+    )
 
 
 def _nyquist(result: Result) -> Chart:

@@ -163,11 +163,12 @@ def bode(
     absolute: bool = False,
     phases: Array | None = None,
     marks: tuple[Sequence[Layer], Sequence[Layer]] = ((), ()),
+    low: float | None = None,
 ) -> Chart:
     """Draw magnitudes, in dB or absolute on a logarithmic axis, and phases.
 
     `phases`: those of the curves, in degrees, where they turn between the frequencies; default: unwrapped
-    along these. `marks`: of magnitudes and of phases.
+    along these. `marks`: of magnitudes and of phases. `low`: the end of the axis of phases.
     """
 
     def headed(name: str, unit: str) -> str:
@@ -183,7 +184,7 @@ def bode(
         columns[f"∠ {curve} (°)"] = phase
     magnitude_axis, phase_axis = (
         PlotAxis(headed(quantity, units), log=absolute),
-        PlotAxis("phase (°)", step=15),
+        PlotAxis("phase (°)", step=15, low=low),
     )
     magnitude = Subplot(at.axis, magnitude_axis, [*up, *marks[0]], height=220.0)
     lower = Subplot(at.axis, phase_axis, [*down, *marks[1]], height=0.7 * 220.0)
