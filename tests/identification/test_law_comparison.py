@@ -54,6 +54,11 @@ def test_the_law_of_the_record_has_the_least_bic(tmp_path):
     assert laws["log_likelihood"]["jenkins"] == result.value("identification/diagnostics/log_likelihood")
     assert laws["bic"]["jenkins"] == result.value("identification/diagnostics/bic")
     assert laws["log_likelihood"]["cubic"] >= laws["log_likelihood"]["linear"]
+    estimates = dict(zip(laws["bic"], result["identification/laws/estimates"].data.tolist(), strict=True))
+    parameters = result["identification/parameters/parameter"].data.tolist()
+    for name, value in zip(parameters, result["identification/parameters/estimate"].data, strict=True):
+        assert f"{name} {value:.5g}" in estimates["jenkins"].split(", ")
+    assert "k3" in estimates["cubic"]
     assert np.isnan(laws["p"]["jenkins"])  # the linear joint is one with an infinite slip force
     (section,) = (part for part in content(result).sections if part.title == "Laws of joints")
     assert [row[0] for row in section.blocks[0].rows] == ["linear", "cubic", "jenkins"]

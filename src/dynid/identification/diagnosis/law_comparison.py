@@ -28,6 +28,7 @@ from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.problem import Problem
 from dynid.identification.statistics import chi_squared_tail
+from dynid.parameters import named
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.structure.joint_laws import LAWS, Power
@@ -60,6 +61,7 @@ class LawComparison:
     log_likelihood: Array  # NaN of a candidate that cannot be fitted
     bic: Array
     p: Array  # likelihood-ratio test against the linear joint, NaN where it is not regular
+    estimates: tuple[str, ...]  # names and values of the parameters of the joints, SI units
 
     @cached_property
     def tied(self) -> NDArray[np.bool_]:
@@ -91,7 +93,7 @@ class LawComparison:
         """Add ``identification/laws/``."""
         result.add_axis(f"{GROUP}/law", self.names)
         columns = {name: getattr(self, name) for name in ("log_likelihood", "bic", "p", "distinguishable")}
-        result.add_all(GROUP, ("law",), name=self.names, **columns)
+        result.add_all(GROUP, ("law",), name=self.names, estimates=self.estimates, **columns)
         result.annotate(GROUP, joints=", ".join(self.joints), verdict=self.verdict)
 
 
@@ -141,7 +143,17 @@ def compare_laws(
     rows = [_row(kind, maximum, linear) for kind, maximum in zip(kinds, maxima, strict=True)]
     log_likelihood, bic, p = np.array(rows).T
     names = tuple(model.joints[k].name for k in comparison.places)
-    return LawComparison(tuple(dict.fromkeys(names)), tuple(kinds), log_likelihood, bic, p)
+    joints = tuple(dict.fromkeys(names))
+    estimates = tuple(_estimates(maximum, joints) for maximum in maxima)
+    return LawComparison(joints, tuple(kinds), log_likelihood, bic, p, estimates)
+
+
+def _estimates(maximum: _Maximum | None, joints: Sequence[str]) -> str:
+    """Return the parameters of joints where a candidate is most likely, as text."""
+    if maximum is None:
+        return ""
+    values = named(maximum.likelihood.unknowns, maximum.fit.eta).items()
+    return ", ".join(f"{name} {value:.5g}" for name, value in values if name.split(".")[0] in joints)
 
 
 def _row(kind: str, maximum: _Maximum | None, linear: _Maximum) -> tuple[float, float, float]:

@@ -121,6 +121,7 @@ def _compared_laws(result: Result) -> ReportSection:
         result[f"{_LAWS}/{column}"].data
         for column in ("name", "log_likelihood", "bic", "p", "distinguishable")
     )
+    estimates = result[f"{_LAWS}/estimates"].data if f"{_LAWS}/estimates" in result else [""] * len(names)
     best = float(np.nanmin(bic))
     rows = tuple(
         (
@@ -129,10 +130,11 @@ def _compared_laws(result: Result) -> ReportSection:
             "-" if np.isnan(bic[k]) else f"{bic[k] - best:.1f}",
             "" if np.isnan(p[k]) else p_text(p[k]).removeprefix("p ").removeprefix("= "),
             "yes" if apart[k] else "no",
+            str(estimates[k]),
         )
         for k in range(len(names))
     )
-    heads = ("law", "log likelihood", "BIC - least", "p against linear", "distinguishable")
+    heads = ("law", "log likelihood", "BIC - least", "p against linear", "distinguishable", "estimates")
     verdict = Statement(str(result.group_attrs[_LAWS]["verdict"]))
     return ReportSection("Laws of joints", (TextTable(heads, rows, brief=ALL).filled(), verdict), screen="")
 

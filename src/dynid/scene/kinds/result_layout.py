@@ -170,7 +170,7 @@ LAYOUT: dict[str, str] = {
         "kind channel ratio order lag coefficients innovation deviation tried bic other correlation"
     ),
     "identification/nonlinearity": "joint term p size joint_p nonlinear_p verdict nonlinear",
-    "identification/laws": "law name log_likelihood bic p distinguishable joints verdict",
+    "identification/laws": "law name estimates log_likelihood bic p distinguishable joints verdict",
     "identification/history": _HISTORY,
     "identification/first_pass": _HISTORY,
     "identification/states": ("time component unit estimate standard_deviation true samples stored_every"),
