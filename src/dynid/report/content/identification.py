@@ -405,10 +405,11 @@ def _error_bars(result: Result, *, sound: bool) -> Iterator[Statement]:
 
 
 def _largest_error(result: Result) -> Iterator[Statement]:
-    """Yield the largest relative standard error that is finite."""
+    """Yield the largest relative standard error that is finite; of signed parameters, of those off zero."""
     size = np.abs(result[f"{_PARAMETERS}/estimate"].data)
     error = result[f"{_PARAMETERS}/standard_error"].data
-    relative = np.where(linear_parameters(result) | ~np.isfinite(error), 0.0, error)
+    may_be_zero = linear_parameters(result) & ~(size > 3 * error)
+    relative = np.where(may_be_zero | ~np.isfinite(error), 0.0, error)
     relative = relative / np.where(size > 0, size, 1.0)
     if relative.any():
         name = result[f"{_PARAMETERS}/name"].data[int(np.argmax(relative))]
