@@ -63,7 +63,7 @@ _LOCUS_NOTE = (
     f"{PADE_ORDER} lead to"
 )
 #: Gains after which roots of approximants start further branches.
-_RESTARTS = 8
+_GAINS_A_START = 8
 #: Coefficients below this part of the largest are zero: their quotients leave the range of numbers.
 _SMALLEST_COEFFICIENT = 1e-290
 #: Largest degree of a root locus.
@@ -362,7 +362,7 @@ def _late_branches(
     branches, poles, most = np.full(degree, np.inf, complex), [], 0
     for row, gain in enumerate(gains.tolist()):
         roots = functions.reached(branches, [gain, 1.0])
-        if row % _RESTARTS == 0 or np.isfinite(roots).sum() < most:
+        if row % _GAINS_A_START == 0 or np.isfinite(roots).sum() < most:
             closed = np.polyadd(gain * top, bottom)
             closed[np.abs(closed) < _SMALLEST_COEFFICIENT * np.abs(closed).max()] = 0.0
             roots = functions.reached(np.concatenate([branches, np.roots(closed)]), [gain, 1.0])

@@ -55,7 +55,7 @@ _EVEN = ("d2", "dv")
 # Most numbers of a record's columns: of a longer record the first samples are tested.
 _MAX_NUMBERS = 30_000_000
 # Numbers of the states of the responses after which these are carried on: they do not fill the memory.
-_MAX_RUN_NUMBERS = 400_000
+_MAX_RESPONSE_NUMBERS = 400_000
 # Eigenvalues of products of unit columns below this part of the largest are linear dependence, to rounding.
 _RANK_TOL = 1e-9
 # Part of a column's square that is left beside others below which it is one of them, to rounding.
@@ -233,7 +233,7 @@ def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: A
 
     state = -(forces[0, ..., None] * ramp.T[:, None]).reshape(-1, n)
     add(state, 0, 1)
-    longest = max(1, _MAX_RUN_NUMBERS // (n * count * _FORCES))
+    longest = max(1, _MAX_RESPONSE_NUMBERS // (n * count * _FORCES))
     for first in range(0, len(forces) - 1, longest):
         last = min(first + longest, len(forces) - 1)
         forcing = forces[first:last, ..., None] * forced.T[:, None]
