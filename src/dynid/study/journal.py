@@ -165,7 +165,7 @@ class Journal:
 
     def _failed(self, error: OSError) -> FileError:
         problem = f"{self.path} cannot be written: {error.strerror or error}"
-        held = f"It holds {counted(self._count, 'finished sample')}, which are safe. " if self._count else ""
+        held = f"The {counted(self._count, 'finished sample')} in it stay safe. " if self._count else ""
         remedy = f"{held}Free space on the disk, or repair it, and run the study again to resume it."
         return FileError(problem, remedy=remedy, names=[self.path])
 
