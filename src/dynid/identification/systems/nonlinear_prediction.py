@@ -2,7 +2,7 @@
 
 `predicted(model, eta, x0, z0)` is the counterpart of `prediction.free_prediction` and `prediction.prediction`
 of linear models. Nothing is superposed: `by_state` and `by_hidden` are tangents at this motion, and the
-responses to single loads do not add up. ``is_nonlinear(model)`` says which of both a model needs.
+responses to single loads do not add up.
 
 - `eta` (p): coordinates of the parameters, as of `ParametricModel`; those of laws are among its unknowns
   (``bolt.k3``, ``bolt.fs``, ``bolt.offset``), linear where they may be negative.
@@ -66,11 +66,6 @@ class NonlinearPrediction(NamedTuple):
     state_slopes: Array  # of the states by parameters, first and first hidden states (times x n x p + n + h)
     force_slopes: Array  # of the forces by the same
     regimes: Array  # of the laws (times x laws)
-
-
-def is_nonlinear(model: ParametricModel) -> bool:
-    """Return True if a joint of the model has a nonlinear law."""
-    return isinstance(model.system, StructureSystem) and model.system.model.nonlinear
 
 
 def hidden_states(model: ParametricModel) -> tuple[str, ...]:
