@@ -7,7 +7,7 @@ noise; the filters have 10 + 4 states.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -215,6 +215,11 @@ FILTERS = Benchmark(
 
 #: Seeds of the noise of the records.
 _SEEDS = (1, 2, 3, 4)
+
+
+def each_record(make: Callable[[SuspensionRecord], Callable[[], Any]]) -> Callable[[int], Any]:
+    """Return the preparation of the works on all records."""
+    return lambda samples: [make(this) for this in _cases(samples)]
 
 
 def _cases(samples: int) -> list[SuspensionRecord]:
