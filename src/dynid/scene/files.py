@@ -37,10 +37,9 @@ def missing_files(scene: Scene) -> list[Fault]:
     """
     if scene.kind != "study":
         return _missing(scene, [])
-    from dynid.scene.kinds.study import base_scene, study_model
     from dynid.scene.schema.study import Listed, paths_of
 
-    base, model = base_scene(scene), study_model(scene)
+    base, model = scene.base, scene.model
     faults = _missing(base, [path_of(base.source, path) for path in model.varied])
     for key, factor in model.vary.items():
         for number, value in enumerate(factor.values if isinstance(factor, Listed) else []):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, cast
 
@@ -71,9 +72,9 @@ class Scene(Generic[M]):
         """The folder that paths in the scene are relative to."""
         return Path(self.source.file).parent
 
-    @property
+    @cached_property
     def base(self) -> Scene:
-        """The scene that a study varies; a scene of another kind itself.
+        """The scene that a study varies, read once; a scene of another kind itself.
 
         Raises `FileError` where it cannot be read, `SceneError` with all faults of it.
         """

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynid.arithmetic.expression import Expression, parse
 from dynid.errors import SceneError, UsageError
 from dynid.result import Scalar
-from dynid.scene.kinds.study import base_scene, study_model
+from dynid.scene.kinds.study import study_model
 from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.study import (
     Listed,
@@ -277,7 +277,7 @@ def make_plan(study: Scene) -> Plan:
     Raises `SceneError` if expressions of `derive` refer to each other in a circle, or to a value that is no
     number.
     """
-    model, base = study_model(study), base_scene(study)
+    model, base = study_model(study), study.base
     factors, size, attrs = _sampled(model)
     columns: dict[str, Any] = {}
     for key, values in factors.items():

@@ -96,8 +96,8 @@ class Heatmap(Layer):
 
 def _cell_text(text: str, many: bool) -> str:
     """Return a number in a cell as it is written: 0.87, or .87 without zeros among many."""
-    if not text or float(text) == 0:
-        return "" if many else text and "0"
+    if text and float(text) == 0:
+        return "" if many else "0"
     text = text.replace("-", "−")
     return text.removesuffix(".00").replace("0.", ".") if many else text
 

@@ -69,7 +69,7 @@ def check_study(scene: Scene) -> None:
     model = study_model(scene)
     faults = [scene.source.fault(path, message) for path, message in _study_faults(model)]
     try:
-        base = base_scene(scene)
+        base = scene.base
     except FileError as error:
         raise FileError(str(scene.source.fault(("scene",), str(error)))) from None
     except SceneError as error:
