@@ -71,7 +71,7 @@ LIBRARIES = {
     "sympy": {"bondgraph", "bench"},  # formulas
     "flint": {"arithmetic", "lti", "bondgraph", "bench"},  # exact numbers
     "filelock": {"study"},  # one writer of a file
-    "control": {"result", "bench"},  # state equations for users; a peer
+    "control": {"result", "bench", "bondgraph"},  # state equations for users; a peer; gains of states
     "xarray": {"result"},
     "pandas": {"result", "report.notebook"},
     "typst": {"report.figure"},

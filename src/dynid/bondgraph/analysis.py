@@ -130,6 +130,10 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
     if analysis.sampled_loops is not None:
         _add_sampled_dynamics(result, reduced, analysis.sampled_loops, analysis)
         return
+    if analysis.feedback is not None:
+        from dynid.bondgraph.state_feedback import add_feedback
+
+        add_feedback(result, analysis.feedback, reduced.graph)
     cut = _cut_loops(analysis) if "properties" in asked else None
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, analysis)

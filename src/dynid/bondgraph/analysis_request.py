@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from dynid.bondgraph.operating_point.linearisation import Linearisation
     from dynid.bondgraph.reduced_graph import ReducedGraph
     from dynid.bondgraph.sampled_loops import SampledLoops
+    from dynid.bondgraph.state_feedback import StateFeedback
     from dynid.lti.generator import Signal
 
 
@@ -169,6 +170,7 @@ class Analysis:
     #: laws has them.
     linearisation: Linearisation | None = None
     law_outputs: tuple[Port, ...] = ()
+    feedback: StateFeedback | None = None  # the designed feedback of states, whose loops `loops` are
     #: True: there is one signal for each input, and the responses to them are apart, not added.
     apart: bool = False
 

@@ -189,11 +189,7 @@ class Circuit:
         at, scale = self.measure(loop.measured, loop.source)
         answered = self.variables.get(loop.measured, loop.measured)
         if loop.setpoint:
-            difference = self._add("1", f"{loop.source}.difference")
-            self.nodes[loop.setpoint] = Node(loop.setpoint, "Se", part=self.part)
-            self._activate(at, difference, scale)
-            ends = loop.setpoint, self._add("R", f"{difference}_R", Fraction(1))
-            self.bonds += [Bond(difference, end) for end in ends]
+            difference = self.total(f"{loop.source}.difference", [(at, scale)], loop.setpoint)
             at, scale, answered = difference, Fraction(1), Port(difference, "f")
         gains, remainder, monic = _divided(loop.numerator, loop.denominator)
         if len(gains) > 2:
@@ -259,6 +255,25 @@ class Circuit:
             self._activate(at, state, Fraction(1))
             return state, Fraction(1)
         return at, Fraction(1)
+
+    def total(self, preferred: str, terms: Iterable[tuple[str, Real]], less: str = "") -> str:
+        """Return a junction whose flow is the sum of common variables times factors, less an input to add."""
+        junction = self._add("1", preferred)
+        if less:
+            self.nodes[less] = Node(less, "Se", part=self.part)
+        for at, factor in terms:
+            self._activate(at, junction, factor)
+        if less:
+            self.bonds.append(Bond(junction, less))
+        self.bonds.append(Bond(junction, self._add("R", f"{junction}_R", Fraction(1))))
+        return junction
+
+    def signal(self, name: str) -> str:
+        """Add an input; return a junction whose common variable it is."""
+        self.nodes[name] = Node(name, "Se", part=self.part)
+        junction = self._add("0", f"{name}.signal")
+        self.bonds.append(Bond(name, junction))
+        return junction
 
     def _add_source(self, name: str, driven: str) -> None:
         """Let a source act on the balance of a driven one."""

@@ -122,7 +122,7 @@ class SampledLoops:
 
     def _plant(self) -> ExactSystem:
         """Return the graph between what is held, and arrives by delays, and what is measured, and leaves."""
-        cut = cut_graph(_rational(self.opened), self.loops, self.continuous)
+        cut = cut_graph(with_rational_values(self.opened), self.loops, self.continuous)
         columns = [*cut.held, *(source for source, _ in cut.delayed)]
         ports = [*cut.answered, *(port for _, port in cut.delayed)]
         reduced = ReducedGraph(cut.graph, list(dict.fromkeys(columns)), [*dict.fromkeys(ports)], traced=False)
@@ -487,7 +487,7 @@ def _exact(number: Any) -> Fraction:
     return rounded_number(reference(number))
 
 
-def _rational(graph: BondGraph) -> BondGraph:
+def with_rational_values(graph: BondGraph) -> BondGraph:
     """Return a graph with irrational values rounded to many bits."""
     if graph.field is None:
         return graph

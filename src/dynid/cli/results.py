@@ -14,6 +14,7 @@ from dynid.errors import FileError, UsageError
 
 if TYPE_CHECKING:
     from dynid.result import Result
+    from dynid.scene.load import Scene
     from dynid.store.tables import ExportTable
 
 
@@ -187,6 +188,8 @@ def compare(first: str, second: str, rtol: float, atol: float, elementwise: bool
     return 1 if differences else 0
 
 
+#: Suffixes of scenes, of which some formats are.
+_SCENES = (".yaml", ".yml")
 #: Formats of systems (transfer functions, matrices, modes) instead of tables.
 _SYSTEMS = ("json", "mat", "mtx", "uff")
 
@@ -205,6 +208,7 @@ _SYSTEMS = ("json", "mat", "mtx", "uff")
     help="Write the state equations of a result, or of a scene, as .mat or .npz; delays in linear "
     "fractional form.",
 )
+@click.option("--c", "form", flag_value="c", help="Write the sampled controllers of a scene as C functions.")
 @click.option(
     "--uff", "form", flag_value="uff", help="Write the modes of a modal analysis as a Universal File (55)."
 )
@@ -237,8 +241,8 @@ def export(
     per entry of its arrays; complex numbers take two columns, .re and .im. Of an identification, --scene
     writes the scene with the estimates in place of the unknowns; of a design, the scene with the designed
     values; of a synthesis, the bond graph of a form. --state-space also takes a scene of a bond graph, which
-    is run for its state equations. One of the formats --csv, --parquet, --json, --mat, --mtx, --uff,
-    --state-space and --scene is required.
+    is run for its state equations; --c takes a scene, whose sampled controllers it writes. One of the
+    formats --csv, --parquet, --json, --mat, --mtx, --uff, --state-space, --c and --scene is required.
 
     \b
     Examples:
@@ -248,11 +252,12 @@ def export(
       dynid export joints.h5 --scene -o identified.yaml
       dynid export impedance.h5 --scene --form foster
       dynid export servo.yaml --state-space -o servo.npz
+      dynid export motor_sampled.yaml --c -o controller.c
     """  # noqa: D301 - click's mark against wrapping
     if form is None:
         raise UsageError(
             "no format to export is given",
-            remedy="Pass --csv, --parquet, --json, --mat, --mtx, --uff, --state-space or --scene.",
+            remedy="Pass --csv, --parquet, --json, --mat, --mtx, --uff, --state-space, --c or --scene.",
         )
     if realisation is not None and form != "scene":
         raise UsageError("--form names the form of a scene", remedy="Pass --scene, too.")
@@ -264,6 +269,9 @@ def export(
         return 0
     if form == "state-space":
         _export_state_space(file, output)
+        return 0
+    if form == "c":
+        _export_controllers(file, output)
         return 0
     from dynid.file_access import file_names, remove_parts
     from dynid.store import open_stored
@@ -355,16 +363,15 @@ def _export_state_space(file: str, output: str | None) -> None:
     target = Path(output or f"{Path(file).stem}.mat")
     if target.suffix not in (".mat", ".npz"):
         raise UsageError(f"state equations are not written as '{target.suffix}'", remedy="Use .mat or .npz.")
-    if Path(file).suffix in (".yaml", ".yml"):
+    if Path(file).suffix in _SCENES:
         from dynid.scene.load import load_scene
         from dynid.scene.run import run_scene
 
-        scene = load_scene(file)
-        if scene.kind != "bond-graph":
-            raise UsageError(
-                f"{file} is a scene of kind {scene.kind}; bond graphs have state equations",
-                remedy="Of a reduction export the matrices of its result: --mtx or --mat.",
-            )
+        _refuse_other_kinds(
+            load_scene(file),
+            "bond graphs have state equations",
+            "Of a reduction export the matrices of its result: --mtx or --mat.",
+        )
         result = run_scene(load_scene(file, ["analysis.results=[state_space]"]))
     else:
         result = read_result(file)
@@ -373,6 +380,32 @@ def _export_state_space(file: str, output: str | None) -> None:
     remove_parts(target.parent)
     replace_file(target, content)
     click.echo(f"wrote {target}")
+
+
+def _export_controllers(file: str, output: str | None) -> None:
+    from dynid.file_access import replace_file
+
+    if Path(file).suffix not in _SCENES:
+        raise UsageError(
+            f"{file} is no scene, which alone has controllers to write in C",
+            remedy="Export the scene (.yaml); that of a design: dynid export RESULT --scene.",
+        )
+    from dynid.scene.load import load_scene
+
+    scene = load_scene(file)
+    _refuse_other_kinds(scene, "bond graphs have controllers", "Export a scene with 'control'.")
+    from dynid.scene.kinds.controller_code import controller_code
+
+    code, target = controller_code(scene), output or f"{Path(file).stem}.c"
+    _refuse_overwriting(target, file)
+    replace_file(target, code.encode())
+    click.echo(f"wrote {target}")
+
+
+def _refuse_other_kinds(scene: Scene, reason: str, remedy: str) -> None:
+    """Raise where a scene is none of a bond graph."""
+    if scene.kind != "bond-graph":
+        raise UsageError(f"{scene.source.file} is a scene of kind {scene.kind}; {reason}", remedy=remedy)
 
 
 def _table_named(tables: list[ExportTable], name: str) -> ExportTable:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from heapq import heappop, heappush
@@ -21,6 +21,10 @@ from dynid.lti.method_of_steps import MAX_SEGMENTS, Propagation, Segment
 _AFTER = 1e-9
 
 
+_Terms = list[tuple[float, int]]
+"""Factors of states by their number, and of what is measured, -1, in the order of addition."""
+
+
 class SampledController(NamedTuple):
     """ξ[k+1] = F ξ[k] + g y[k], answer -(h ξ[k] + d y[k]), held from its computation time on."""
 
@@ -29,6 +33,33 @@ class SampledController(NamedTuple):
     h: Array
     d: float
     computation: Fraction  # s
+
+    @property
+    def terms(self) -> tuple[_Terms, list[_Terms]]:
+        """The answer, and every next state, as sums of products: the arithmetic of its C function, too."""
+        rows = [(-self.h, -self.d), *zip(self.F, self.g, strict=True)]
+        answer, *states = (
+            [(factor, k) for k, factor in [*enumerate(row.tolist()), (-1, float(gain))] if factor]
+            for row, gain in rows
+        )
+        return answer, states
+
+    def step(self, state: Sequence[float], measured: float) -> tuple[float, list[float]]:
+        """Return the answer to what is measured, and the next state."""
+        values = [*state, measured]
+        answer, *following = (
+            _sum_in_order(factor * values[k] for factor, k in terms)
+            for terms in (self.terms[0], *self.terms[1])
+        )
+        return answer, following
+
+
+def _sum_in_order(products: Iterable[float]) -> float:
+    """Return a sum as C has it, without the compensation of `sum`."""
+    total = 0.0
+    for position, product in enumerate(products):
+        total = total + product if position else product
+    return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +123,7 @@ class _SampledPropagation(Propagation):
         tick = Fraction(1, lcm(*(time.denominator for time in times)))
         every = [*signals, *(None for _ in system.controllers)]
         super().__init__(system.lft, system.delays, every, stop, period=tick, **options)
-        self._states = [np.zeros(len(controller.h)) for controller in system.controllers]
+        self._states = [[0.0] * len(controller.h) for controller in system.controllers]
         #: Instants ahead: time, loop that holds and value, or -1 where all measure.
         self._events: list[tuple[Fraction, int, float]] = [(Fraction(0), -1, 0.0)]
 
@@ -105,11 +136,9 @@ class _SampledPropagation(Propagation):
                 self.hold(self._inputs - len(self._controllers) + loop, value)
                 continue
             for index, (controller, measured) in enumerate(
-                zip(self._controllers, self._measured(), strict=True)
+                zip(self._controllers, self._measured().tolist(), strict=True)
             ):
-                state = self._states[index]
-                answer = -float(controller.h @ state) - controller.d * measured
-                self._states[index] = controller.F @ state + controller.g * measured
+                answer, self._states[index] = controller.step(self._states[index], measured)
                 heappush(self._events, (time + controller.computation, index, answer))
             heappush(self._events, (time + self._period, -1, 0.0))
         yield from super().segments(until, beyond=beyond)

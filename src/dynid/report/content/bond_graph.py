@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.number_format import MOST_ROOTS, counted, limit, roots_text, unit_text
+from dynid.number_format import MOST_ROOTS, counted, general, limit, roots_text, unit_text
 from dynid.report.content.blocks import (
     Block,
     DefinitionList,
@@ -236,8 +236,10 @@ def _margin_texts(result: Result, loop: int) -> dict[str, str]:
 
 
 def _loops(result: Result) -> Iterator[ReportSection]:
-    """Yield the margins of the feedback loops, each with the others closed, and poles in z or with delays."""
+    """Yield gains of states, margins of loops, each with the others closed, and poles in z or with delays."""
     group = "bond_graph/margins"
+    if "bond_graph/state_feedback/gain" in result:
+        yield _state_gains(result)
     if f"{group}/loop" in result:
         yield _margin_table(result)
     if "bond_graph/sampled/poles" in result:
@@ -247,6 +249,20 @@ def _loops(result: Result) -> Iterator[ReportSection]:
         text = roots_text(poles.data, hertz=in_hertz(result))
         items = definitions(("poles", text), ("", str(poles.attrs["note"])))
         yield ReportSection("Poles with delays", (items,), screen="poles with delays")
+
+
+def _state_gains(result: Result) -> ReportSection:
+    """Return the gains of states by driven source, and the poles of the closed loop."""
+    group = "bond_graph/state_feedback"
+    names = ("state", "source", "gain", "poles")
+    states, sources, gains, poles = (result[f"{group}/{name}"].data for name in names)
+    rows = tuple((str(state), *map(general, row)) for state, row in zip(states, gains.T, strict=True))
+    least = result.group_attrs[group]["method"] == "lqr"
+    what = "of least quadratic cost (LQR)" if least else "that place the poles"
+    caption = f"gains {what}; a source gives its reference less gains times states"
+    table = TextTable(("", *map(str, sources)), rows, noun="state", caption=caption)
+    items = definitions(("poles", roots_text(poles, hertz=in_hertz(result))))
+    return ReportSection("State feedback", (table, items), "answer", screen="state feedback")
 
 
 def _margin_table(result: Result) -> ReportSection:

@@ -132,6 +132,10 @@ def _graph_of(scene: Scene) -> DrawnGraph:
     controllers = dict[str, list[str]]()
     for loop in loops:
         controllers.setdefault(loop.source, []).extend(_controller_notes(loop))
+    feedback = model.control.states if model.control is not None else None
+    for source in feedback.sources if feedback is not None else ():
+        driven += tuple((holder(port.node), source) for port in feedback.states)
+        controllers[source] = [f"gains of {counted(len(feedback.states), 'state')}"]
     sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
     inputs = (analysis.inputs if analysis is not None else None) or sources
     return DrawnGraph(

@@ -308,6 +308,7 @@ def graph_analysis(
         loops=built.loops,
         linearisation=built.linearisation,
         law_outputs=built.law_outputs,
+        feedback=built.feedback,
     )
 
 

@@ -56,6 +56,8 @@ class GraphSamples:
         varied = {path: _varied(scene, path) for path in paths}
         if model.design is not None:
             raise NotShared("every sample is designed by itself")
+        if model.control is not None and model.control.states is not None:
+            raise NotShared("every sample has gains of its own")
         graph, analysis = question(scene)
         if graph.field is not None:
             raise NotShared("values are irrational: their cancellations are decided for each sample")

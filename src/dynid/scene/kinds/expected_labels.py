@@ -125,7 +125,7 @@ def names_at(scene: Scene, placeholder: str, parts: Parts) -> list[str] | None:
 
         return [*(scene.model.forms or FORMS), "need"]
     if placeholder == "<loop>":
-        return [f"loop_{number}" for number in range(1, len(scene.model.control.loops) + 1)]
+        return [f"loop_{number}" for number in range(1, len(scene.model.control.loop_names) + 1)]
     if placeholder not in ("<output>", "<input>"):
         return None
     if parts[0] == "bond_graph":
@@ -376,7 +376,7 @@ def _labels_of_graph(scene: Scene) -> dict[str, list[str]]:
     """Return the labels of axes of the results of a graph, as far as the scene alone says them."""
     model, analysis, labels = scene.model, analysis_of(scene), dict[str, list[str]]()
     if model.control is not None:
-        labels["loop"] = [f"{loop.measured} -> {loop.source}" for loop in model.control.loops]
+        labels["loop"] = model.control.loop_names
     if analysis is not None and not any(node.ports for node in model.graph.nodes.values()):
         sources = [name for name, node in model.graph.nodes.items() if node.type in SOURCES]
         sources += model.control.signals if model.control is not None else ()

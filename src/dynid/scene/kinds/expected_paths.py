@@ -78,7 +78,7 @@ _RESULTS: dict[str, frozenset[ResultName]] = {
     "system": frozenset({"properties"}),
     "zero_input": frozenset({"transfer_function"}),
     **dict.fromkeys(("margins", "sensitivity_functions", "root_locus", "sampled"), frozenset({"properties"})),
-    **dict.fromkeys(("port", "operating_point", "design", "need"), frozenset()),
+    **dict.fromkeys(("port", "operating_point", "design", "state_feedback", "need"), frozenset()),
 }
 _COMES_WITH = "'{group}' comes with {cause}, which the scene does not have"
 _BLOCK = "'{group}' needs the block '{key}' in 'analysis'"
@@ -93,6 +93,10 @@ _NEEDS: dict[str, tuple[str, str]] = {
         )
     },
     "bond_graph/sampled": ("sample", "no loop is sampled; state the 'sample' of its controller"),
+    "bond_graph/state_feedback": (
+        "control.states",
+        "no states are fed back; write 'lqr' or 'placement' in 'control'",
+    ),
     "structure/joints": ("joint laws", "'joints' come with nonlinear 'laws' of joints"),
     "structure/damping": ("equivalent", "'damping' comes with its 'equivalent'"),
     "structure/complex_modes": ("loss factors", "'complex_modes' come with loss factors 'eta'"),

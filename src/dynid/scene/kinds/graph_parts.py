@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from dynid.bondgraph.controller_circuits import Loop
     from dynid.bondgraph.operating_point.element_laws import Law
     from dynid.bondgraph.operating_point.linearisation import Linearisation
+    from dynid.bondgraph.state_feedback import FeedbackRequest, StateFeedback
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import GraphModel, NodeModel
     from dynid.scene.schema.control import ControlModel, LoopModel, PidModel
@@ -45,6 +46,7 @@ class BuiltGraph(NamedTuple):
     #: Of a graph with laws: its linearisation at the operating point, which `graph` is.
     linearisation: Linearisation | None = None
     law_outputs: tuple[Port, ...] = ()  #: The requested variables, as the graph with laws has them.
+    feedback: StateFeedback | None = None  #: The designed feedback of states.
 
 
 @no_collection()
@@ -84,11 +86,11 @@ def build_graph(
     UsageError
         If a matrix is not that of a passive field or structure.
     NumericalError
-        If there is no equilibrium, or a law has no slope there.
+        If there is no equilibrium, a law has no slope there, or there are no gains of the states.
     """
     requested: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
     outputs = list(outputs)
-    measured = [loop.measured for loop in control.loops] if control else []
+    measured = control.measured if control else []
     nonlinear = point is not None or any(has_law(node) for node in graph.nodes.values())
     laws: dict[str, Law] = {}
     if nonlinear:
@@ -142,6 +144,12 @@ def build_graph(
     from dynid.bondgraph.controller_circuits import close_loops
 
     loops = [*(_loops(control, variables) if control else ()), *lines.loops]
+    if control is not None and control.states is not None:
+        from dynid.bondgraph.state_feedback import design_feedback, feedback_loops
+
+        feedback = design_feedback(built.graph, _feedback_request(control, variables))
+        opened, loops = feedback_loops(built.graph, feedback)
+        built = built._replace(graph=opened, feedback=feedback)
     closed = close_loops(built.graph, loops)
     asked = tuple(closed.variables.get(output, output) for output in asked)
     return built._replace(graph=closed.graph, outputs=asked, opened=built.graph, loops=tuple(loops))
@@ -275,6 +283,29 @@ def _loop(loop: LoopModel, measured: Port, index: int) -> Loop:
         times = _number(controller.sample), _number(controller.computation)
         sampling = Sampling(*times, controller.method or "tustin")
     return Loop(measured, loop.source, *quotient, loop.reference, delay, path, loop.setpoint, sampling)
+
+
+def _feedback_request(control: ControlModel, variables: Mapping[str, Port]) -> FeedbackRequest:
+    """Return the states that are fed back, with their weights or the poles to be placed."""
+    from dynid.bondgraph.state_feedback import FeedbackRequest
+
+    def at(name: str) -> Port:
+        return variables.get(name, _port(name))
+
+    model = control.states
+    assert model is not None
+    states = tuple(at(str(port)) for port in model.states)
+    sources, setpoints = tuple(model.sources), {at(name): w for name, w in model.setpoints.items()}
+    if control.lqr is not None:
+        weights = control.lqr.weights
+        by_variable = {at(name): weight.exact for name, weight in weights.items() if name not in sources}
+        by_source = [weights[name].exact for name in sources]
+        return FeedbackRequest(
+            states, sources, by_variable, by_source, (), model.references, setpoints, "control.lqr"
+        )
+    assert control.placement is not None
+    poles = tuple(root for pole in control.placement.poles for root in pole.roots)
+    return FeedbackRequest(states, sources, {}, (), poles, model.references, setpoints, "control.placement")
 
 
 def _pid(pid: PidModel) -> tuple[list[Real], list[Real]]:

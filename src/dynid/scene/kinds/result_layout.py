@@ -129,6 +129,7 @@ LAYOUT: dict[str, str] = {
         "variable value unit input input_value residual condition status note slope slope_value slope_unit "
         "chosen equilibrium equilibria stability flat"
     ),
+    "bond_graph/state_feedback": "source state gain unit pole poles method",
     "bond_graph/design": (
         "starts ended seed name start value min max bound influence met objective optimum stationarity "
         "curvature active_maxima warnings"

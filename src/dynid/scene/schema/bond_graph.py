@@ -536,6 +536,9 @@ class BondGraphScene(ComposedScene):
             outputs = [str(port) for port in self.analysis.outputs]
             yield from self.design.faults(self.parameters, self.graph.nodes, outputs, inputs)
             yield from self.design.loop_faults(len(control.loops) if control else 0)
+            if control is not None and control.states is not None:
+                message = "gains of states are designed for a graph of fixed values; leave 'design' out, or "
+                yield ("design", AT_KEY), message + "write them as 'loops', each with a gain"
         if self.graph.lines:
             yield from self._line_faults()
         if self._nonlinear:

@@ -4,25 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from typing import Annotated, Self
+from math import sqrt
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from dynid.bondgraph.analysis_request import Discretisation
+from dynid.bondgraph.graph import QUANTITIES, Port
 from dynid.defaults import ANSWERS_UNDER_WAY
-from dynid.scene.schema.base import Section
-from dynid.scene.schema.graph_variables import Output, SourceName
+from dynid.number_format import counted
+from dynid.scene.schema.base import Section, once, short_for
+from dynid.scene.schema.graph_variables import Output, SourceName, variable_or_source
 from dynid.scene.schema.quantities import (
     AT_KEY,
     Located,
+    NotNegative,
+    Positive,
+    Quantity,
     Uncertain,
     UncertainNotNegative,
     UncertainPositive,
+    Value,
     fault,
     names_of,
     raise_faults,
 )
 from dynid.scene.schema.references import Path
+from dynid.units import angular_factor
 
 Coefficients = Annotated[list[Uncertain], Field(min_length=1, max_length=50)]
 
@@ -121,13 +129,149 @@ class LoopModel(Section):
         return name
 
 
+class StateFeedbackModel(Section):
+    """Feedback of a full set of states: what follows a target, and inputs of the closed loops."""
+
+    states: Annotated[list[Output], once(), Field(min_length=1, max_length=50)]
+    references: dict[SourceName, str] = {}
+    setpoints: dict[str, str] = {}
+
+    @property
+    def sources(self) -> list[str]:
+        """The sources that are driven."""
+        raise NotImplementedError
+
+    @property
+    def variables(self) -> list[Output]:
+        """The variables of the graph that it depends on."""
+        return self.states
+
+    @property
+    def signals(self) -> dict[tuple[str, str], str]:
+        """The names of its references and setpoints, by the keys under which they stand."""
+        groups = {"references": self.references, "setpoints": self.setpoints}
+        return {(group, key): name for group, names in groups.items() for key, name in names.items()}
+
+    @model_validator(mode="after")
+    def _are_of_it(self) -> Self:
+        raise_faults(self._faults())
+        return self
+
+    def _faults(self) -> Iterator[Located]:
+        """Yield references of sources that are not driven, and setpoints of what is not fed back."""
+        for (group, key), name in self.signals.items():
+            states = [str(port) for port in self.states]
+            among, what = (self.sources, "driven") if group == "references" else (states, "fed back")
+            if key not in among:
+                yield (group, key, AT_KEY), f"'{key}' is not {what}; there are: {', '.join(among)}"
+            if not name.isidentifier():
+                yield (group, key), f"'{name}' cannot name an input; use letters, digits and _"
+
+
+class LqrModel(StateFeedbackModel):
+    """State feedback that minimises the integral of weighted squares (LQR)."""
+
+    weights: Annotated[dict[str, NotNegative], Field(min_length=1, max_length=100)]
+
+    @field_validator("weights")
+    @classmethod
+    def _are_of_the_graph(cls, weights: dict[str, Quantity], info: ValidationInfo) -> dict[str, Quantity]:
+        for name in weights:
+            variable_or_source(name, info)
+        return weights
+
+    @property
+    def sources(self) -> list[str]:
+        """The sources that are driven: those with a weight."""
+        return [name for name in self.weights if not _is_variable(name)]
+
+    @property
+    def variables(self) -> list[Output]:
+        """The states, and the variables that are weighted."""
+        names = (name.rpartition(".") for name in self.weights if _is_variable(name))
+        return [*self.states, *(Port(node, quantity) for node, _, quantity in names)]  # type: ignore[arg-type]
+
+    def _faults(self) -> Iterator[Located]:
+        """Yield weights without which there is no minimum, too."""
+        yield from super()._faults()
+        if not self.sources:
+            yield ("weights",), "no source has a weight; the sources that are driven have a positive one"
+        for name in self.sources:
+            if not float(self.weights[name]):
+                yield ("weights", name), f"the weight of the driven source '{name}' is not positive"
+        if not any(float(weight) for name, weight in self.weights.items() if _is_variable(name)):
+            message = "no variable has a positive weight: the least cost is without feedback; weigh a state"
+            yield ("weights",), message
+
+
+class PlacedPoleModel(Section):
+    """A pole: real, or a conjugate pair by natural frequency and damping ratio."""
+
+    real: Value | None = None
+    frequency: Positive | None = None
+    damping: Value | None = None
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+    @model_validator(mode="after")
+    def _is_one_of_them(self) -> Self:
+        if (self.real is None) == (self.frequency is None) or (self.frequency is None) != (
+            self.damping is None
+        ):
+            raise fault("a pole is a real number, or {frequency: …, damping: …} of a conjugate pair")
+        if self.damping is not None and not abs(float(self.damping)) < 1:
+            raise fault("the damping ratio of a pair lies between -1 and 1; write real poles as numbers")
+        return self
+
+    @property
+    def roots(self) -> list[complex]:
+        """The pole, or the pair, rad/s."""
+        if self.real is not None:
+            return [complex(float(self.real) * angular_factor(self.unit))]
+        assert self.frequency is not None
+        assert self.damping is not None
+        omega, damping = float(self.frequency) * angular_factor(self.unit), float(self.damping)
+        root = omega * complex(-damping, sqrt(1 - damping**2))
+        return [root, root.conjugate()]
+
+
+_PlacedPole = Annotated[PlacedPoleModel, short_for("real", PlacedPoleModel | float | str)]
+
+
+class PlacementModel(StateFeedbackModel):
+    """State feedback that places the poles of the closed loop."""
+
+    to: Annotated[list[SourceName], once(), Field(min_length=1, max_length=50)]
+    poles: Annotated[list[_PlacedPole], Field(min_length=1, max_length=50)]
+
+    @property
+    def sources(self) -> list[str]:
+        """The sources that are driven."""
+        return self.to
+
+    def _faults(self) -> Iterator[Located]:
+        """Yield a number of poles that is not that of the states, too."""
+        yield from super()._faults()
+        count = sum(len(pole.roots) for pole in self.poles)
+        if count != len(self.states):
+            message = f"{counted(count, 'pole')} of {counted(len(self.states), 'state')}: give as many"
+            yield ("poles", AT_KEY), message
+
+
+def _is_variable(name: str) -> bool:
+    return name.rpartition(".")[2] in QUANTITIES and "." in name
+
+
 class ControlModel(Section):
     """Feedback, which closes loops around the graph."""
 
-    loops: list[LoopModel] = Field(min_length=1)
+    loops: list[LoopModel] = Field(default=[], min_length=1)
+    lqr: LqrModel | None = None
+    placement: PlacementModel | None = None
 
     @model_validator(mode="after")
     def _fits(self, info: ValidationInfo) -> Self:
+        if [bool(self.loops), self.lqr is not None, self.placement is not None].count(True) != 1:
+            raise fault("feedback is one of 'loops', 'lqr' and 'placement'")
         names = names_of(info)
         raise_faults(self._faults(names.nodes, linear=names.linear))
         return self
@@ -135,12 +279,31 @@ class ControlModel(Section):
     @property
     def driven(self) -> set[str]:
         """The sources that loops drive."""
-        return {loop.source for loop in self.loops}
+        return {*(loop.source for loop in self.loops), *(self.states.sources if self.states else ())}
+
+    @property
+    def measured(self) -> list[Output]:
+        """The variables of the graph that it measures or weighs."""
+        states = self.states.variables if self.states else ()
+        return [*(loop.measured for loop in self.loops), *states]
+
+    @property
+    def states(self) -> StateFeedbackModel | None:
+        """The feedback of states, if it is that."""
+        return self.lqr or self.placement
+
+    @property
+    def loop_names(self) -> list[str]:
+        """The names of its loops in results."""
+        loops = [(str(loop.measured), loop.source) for loop in self.loops]
+        loops += [("states", source) for source in (self.states.sources if self.states else ())]
+        return [f"{measured} -> {source}" for measured, source in loops]
 
     @property
     def signals(self) -> list[str]:
         """The references and setpoints, which are sources of the closed loop."""
-        return [name for loop in self.loops for name in (loop.reference, loop.setpoint) if name]
+        names = [name for loop in self.loops for name in (loop.reference, loop.setpoint) if name]
+        return [*names, *dict.fromkeys(self.states.signals.values() if self.states else ())]
 
     @property
     def delays(self) -> list[Path]:
@@ -168,6 +331,15 @@ class ControlModel(Section):
                     what = "a node" if name in nodes else f"the {seen[name]} of another loop"
                     yield ("loops", index, key), f"'{name}' is {what}; use another name"
                 seen.setdefault(name, key)
+        key = "lqr" if self.lqr else "placement"
+        for path, name in self.states.signals.items() if self.states else ():
+            if name in nodes or name in seen:
+                what = "a node" if name in nodes else "the name of another input"
+                yield (key, *path), f"'{name}' is {what}; use another name"
+            seen.setdefault(name, key)
+        if linear and self.states:
+            message = "gains are designed for a graph of fixed values, and this one is identified; "
+            yield (key, AT_KEY), message + "write them as 'loops', each {from, to, controller: {gain: …}}"
         if linear and self.delays:
             yield (*self.delays[0][1:], AT_KEY), f"a loop with a delay is not identified; {DELAY_REMEDY}"
         elif len(self.delays) > _MAX_DELAYS:

@@ -91,3 +91,12 @@ def _source_name(raw: Any, info: ValidationInfo) -> str:
 
 SourceName = Annotated[str, PlainValidator(_source_name), TEXT]
 """The name of a source."""
+
+
+def variable_or_source(name: str, info: ValidationInfo) -> None:
+    """Raise the fault of a name that is neither a variable of the graph nor a source."""
+    nodes = names_of(info).variables
+    if name not in nodes and "." in name:
+        _port(name, info)
+    else:
+        _source_name(name, info)

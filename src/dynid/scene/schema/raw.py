@@ -115,6 +115,12 @@ def references(data: Any) -> dict[str, str]:
             name = mapping_of(loop).get(key)
             if isinstance(name, str) and name:
                 signals[name] = types.get(str(loop.get("to")), "") if key == "reference" else "Se"
+    for feedback in ("lqr", "placement"):
+        states = mapping(mapping(data, "control"), feedback)
+        for key in ("references", "setpoints"):
+            for subject, name in mapping(states, key).items():
+                if isinstance(name, str) and name:
+                    signals[name] = types.get(str(subject), "") if key == "references" else "Se"
     return signals
 
 
