@@ -97,6 +97,12 @@ CATALOGUE = {
             "joints: {", "joints: {i: {dofs: [1, 2], k: {start: 3, true: 4, matrix: [[1, 2], [2, 1]]}}, "
         ).replace("file: {path: record.csv}", "simulate: {}"), 2, "indefinite",
     ),
+    "an expectation of what is not requested": (
+        graph("u: Se, j: 1, m: {type: I, value: 2}, r: {type: R, value: 1}", "u -> j -> m, j -> r",
+              "outputs: [m.f], results: [poles]")
+        + "expect: [{path: bond_graph/properties/m.f/u/dc_gain, value: 1}]\n",
+        2, "comes with the result 'properties', which",
+    ),
     "a contradiction where only causality is asked for": (
         graph("u: Sf, v: Sf, j: 1, r: {type: R, value: 3}", "u -> j -> r, v -> j",
               "outputs: [r.e], results: [causality]"), 3, "'v'",
@@ -191,12 +197,11 @@ def test_what_a_study_sets_is_no_fault_of_its_scene(dynid, data):
     assert dynid("check", "study.yaml")[0] == 0
 
 
-def test_a_path_that_no_run_gives_is_refused_by_check_and_not_met_by_the_run(dynid, tmp_path):
+def test_a_path_that_no_run_gives_is_refused_before_the_run(dynid, tmp_path):
     scene = tmp_path / "isolator.yaml"
     path = "bond_graph/properties/m_s.f/v_in/stabel"
     scene.write_text(ISOLATOR.partition("expect:")[0] + f"expect: [{{path: {path}, value: true}}]\n")
     code, _, said = dynid("check", scene)
     assert (code, "did you mean 'stable'?" in said) == (2, True)
-    code, out, said = dynid("run", scene, "-o", tmp_path / "isolator.h5")
-    assert (code, "did you mean" in out + said) == (1, True)
-    assert (tmp_path / "isolator.h5").exists()
+    assert dynid("run", scene, "-o", tmp_path / "isolator.h5") == (2, "", said)
+    assert not (tmp_path / "isolator.h5").exists()

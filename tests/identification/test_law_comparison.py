@@ -9,6 +9,7 @@ from dynid.report.content import content
 from dynid.result import Selection
 from dynid.scene.kinds.identification import run
 from dynid.scene.load import load_scene
+from tests.identification.cases import diagnostic
 
 SCENE = """
 dynid: 1
@@ -103,9 +104,18 @@ def test_candidates_act_at_a_linear_joint_of_a_measured_record(tmp_path):
     text = SCENE.format(laws="linear, jenkins", more="", size=8, samples=80, seed=1)
     text = text.replace("simulate: {noise_ratio: 0.01, seed: 1}", "file: {path: bolt.csv, columns: [v1, v2]}")
     path.write_text(text.replace(", true: 1.0e4", "").replace(", true: 4", ""))
-    laws = columns(run(load_scene(path), Selection("identification", ["identification/laws"])))
+    result = run(load_scene(path), None)
+    laws = columns(result)
     assert laws["distinguishable"] == {"linear": True, "jenkins": True}
     assert laws["bic"]["jenkins"] < laws["bic"]["linear"] - 100
+    # The warning says how the best law is stated, at its estimates, and no longer that laws be compared.
+    (said,) = (text for text in diagnostic(result, "warnings") if text.startswith("the model lacks fit"))
+    assert "to compare laws" not in said
+    statement = said.partition("state the best of the compared laws, in joint bolt: ")[2]
+    assert statement.startswith("laws: [{kind: jenkins, kt: {start: ")
+    path.write_text(path.read_text().replace("c: {start: 4.1}", f"c: {{start: 4.1}}, {statement}"))
+    stated = run(load_scene(path), None)
+    assert diagnostic(stated, "log_likelihood") == pytest.approx(laws["log_likelihood"]["jenkins"], abs=0.1)
 
 
 @pytest.mark.parametrize(

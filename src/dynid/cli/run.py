@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dynid.cli.arguments import refuse_missing_folders, refuse_overwriting, set_option, writes_junit
-from dynid.errors import DynidError, FileError, NumericalError, UsageError
+from dynid.errors import DynidError, FileError, NumericalError, SceneError, UsageError
 
 if TYPE_CHECKING:
     from dynid.checks import CheckOutcome
@@ -86,6 +86,7 @@ def run(
     target = Path(output) if output else Path(Path(scene).stem + ".h5")
     refuse_overwriting(scene, str(target), junit, report)
     refuse_missing_folders(str(target), junit, report)
+    _refuse_impossible(loaded)
     from dynid.store import write_result
 
     doubts = warn_of_doubts(loaded)
@@ -124,6 +125,15 @@ def run(
     if rejection:
         raise rejection
     return report_expectations(loaded, outcomes, quiet or as_json)
+
+
+def _refuse_impossible(scene: Scene) -> None:
+    """Refuse, before any work, expectations of what the run cannot give."""
+    if scene.model.expect:
+        from dynid.scene.kinds.expected_paths import impossible_paths
+
+        if faults := list(impossible_paths(scene)):
+            raise SceneError(faults)
 
 
 def warn_of_doubts(scene: Scene) -> list[str]:

@@ -19,6 +19,7 @@ import numpy as np
 from dynid.arrays import Array, guarded
 from dynid.errors import Diverged, DynidError, NotIdentifiable
 from dynid.identification.diagnosis.equivalent_optima import DECIDED, OptimaSearch, deciding_sensors
+from dynid.identification.diagnosis.holds import better_hold
 from dynid.identification.diagnosis.instrument_mistakes import instrument_mistakes
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.diagnosis.proportional_noise import growing_residuals
@@ -125,6 +126,7 @@ def identify(
 
             assert isinstance(last, StructuralModel)
             comparison = compare_laws(problem, last, posterior, further.laws)
+            posterior = replace(posterior, laws=comparison)
             additions.append(lambda result, _: comparison.add_to(result))
         if posterior.rejection is not None:
             if problem.survey is not None:
@@ -403,6 +405,9 @@ def _checked(posterior: Posterior, begun: Likelihood, suggest: bool) -> Posterio
             likelihood, etas = begun, [start]
         mistakes = instrument_mistakes(likelihood, etas)
         posterior = replace(posterior, mistakes=tuple(mistakes))
+    elif suggest and posterior.comparison.has_signal:
+        holds = better_hold(posterior.likelihood, posterior.fit.eta)
+        posterior = replace(posterior, mistakes=tuple(holds))
     if not all(record.superposes for record in posterior.likelihood.records):
         # Of joints with laws alone.
         from dynid.identification.diagnosis.idle_laws import idle_laws

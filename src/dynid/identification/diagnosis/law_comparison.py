@@ -62,6 +62,8 @@ class LawComparison:
     bic: Array
     p: Array  # likelihood-ratio test against the linear joint, NaN where it is not regular
     estimates: tuple[str, ...]  # names and values of the parameters of the joints, SI units
+    # Each law as a joint states it, its parameters started at the estimates; empty of linear ones.
+    statements: tuple[str, ...]
 
     @cached_property
     def tied(self) -> NDArray[np.bool_]:
@@ -88,6 +90,16 @@ class LawComparison:
         others = np.sort(self.bic[~np.isnan(self.bic)])
         apart = f" (BIC lower by {others[1] - others[0]:.4g} than the next)" if len(others) > 1 else ""
         return f"laws of {where}: this record distinguishes {tied[0]} from the others{apart}{failed}"
+
+    @property
+    def next_step(self) -> str:
+        """What to do about a nonlinear joint after the comparison, as a clause."""
+        best, tied = int(np.nanargmin(self.bic)), np.count_nonzero(self.tied) > 1
+        where = f"joint{'s' if len(self.joints) > 1 else ''} {', '.join(self.joints)}"
+        if not self.statements[best]:
+            return f"none of the compared laws is better than a linear {where}: compare others"
+        alike = ", which this record does not distinguish from others" if tied else ""
+        return f"state the best of the compared laws{alike}, in {where}: laws: [{self.statements[best]}]"
 
     def add_to(self, result: Result) -> None:
         """Add ``identification/laws/``."""
@@ -145,7 +157,23 @@ def compare_laws(
     names = tuple(model.joints[k].name for k in comparison.places)
     joints = tuple(dict.fromkeys(names))
     estimates = tuple(_estimates(maximum, joints) for maximum in maxima)
-    return LawComparison(joints, tuple(kinds), log_likelihood, bic, p, estimates)
+    statements = tuple(
+        "" if kind == "linear" or maximum is None else _statement(kind, maximum, linear)
+        for kind, maximum in zip(kinds, maxima, strict=True)
+    )
+    return LawComparison(joints, tuple(kinds), log_likelihood, bic, p, estimates, statements)
+
+
+def _statement(kind: str, maximum: _Maximum, linear: _Maximum) -> str:
+    """Return a law as a joint states it, its unknown parameters at the estimates of the first such joint."""
+    values = named(maximum.likelihood.unknowns, maximum.fit.eta)
+    of_laws = {
+        name.split(".")[1]: value
+        for name, value in reversed(values.items())
+        if name not in linear.likelihood.names
+    }
+    keys = [f"{key}: {{start: {of_laws[key]:.4g}}}" for key in LAWS[kind].names if key in of_laws]
+    return f"{{{', '.join([f'kind: {kind}', *keys])}}}"
 
 
 def _estimates(maximum: _Maximum | None, joints: Sequence[str]) -> str:

@@ -1,8 +1,7 @@
 """Expectations and paths of `collect` that no run can meet, found before it is run.
 
-`dynid check` refuses them; a run, of which they are the least part, reports them as not met at its end, and a
-study with the samples that fail. Groups that follow from the data, such as `equivalent_optima`, are left to
-the run.
+`dynid check` and `dynid run` refuse them; a study reports them with the samples that fail. Groups that follow
+from the data, such as `equivalent_optima`, are left to the run.
 """
 
 from __future__ import annotations
@@ -237,7 +236,9 @@ def _absence(scene: Scene, parts: Parts) -> str:
         return f"a graph with {with_what} has no results '{group}'"
     if not (analysis.asked() & available).isdisjoint(results):
         return ""
-    block = {"frequency_response": "frequency", "time_response": "time"}.get(result := min(results), "")
+    with_array = [result for result, arrays in PROPERTIES.items() if below[-1] in arrays]
+    result = min(results) if results.isdisjoint(with_array) else with_array[0]
+    block = {"frequency_response": "frequency", "time_response": "time"}.get(result, "")
     if block and getattr(analysis, block) is None:
         return _BLOCK.format(group=group, key=block)
     return _unlisted(group, result)
