@@ -65,8 +65,8 @@ def test_a_recording_is_listed_with_lines_that_are_a_scene(dynid, inspected, tmp
     assert code == 0
     assert "name         what     size  unit  step [s]  start [s]" in out
     assert (
-        'In a scene:\n\n  excitation: [{dof: …, kind: file, path: r.tdms, group: "Run 1", column: force}]'
-        in out
+        "In a scene:\n\n  # a smooth curve between its samples; else state hold: linear or hold: zero\n"
+        '  excitation: [{dof: …, kind: file, path: r.tdms, group: "Run 1", column: force}]' in out
     )
     assert "  step: …" in out  # of the second group no step is known
 

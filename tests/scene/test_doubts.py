@@ -102,3 +102,12 @@ def test_elements_of_negative_values_are_doubted_once_at_the_first():
     # moduli, zero resistance and falling laws are none
     assert doubts_of(UNEXPECTING.replace("A_p: 0.01", "A_p: -0.01").replace("b: 50", "b: 0")) == []
     assert doubts_of(UNEXPECTING.replace("{type: R, value: b}", '{type: R, law: {e: "-b*f"}}')) == []
+
+
+def test_hidden_modes_asked_of_a_loop_with_a_delay_are_doubted():
+    loop = "control: {loops: [{from: m_s.f, to: v_in, controller: {gain: 0.1, delay: 0.1}, reference: r}]}\n"
+    text = UNEXPECTING.replace(RESULTS, "[frequency_response, time_response, hidden_modes]")
+    text = text.replace("inputs: [v_in]", "inputs: [r]")
+    [(_, _, message)] = doubts_of(text + loop)
+    assert message.startswith("hidden modes are not listed of a graph with delays in loops")
+    assert doubts_of(text + loop.replace(", delay: 0.1", "")) == []

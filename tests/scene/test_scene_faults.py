@@ -128,6 +128,17 @@ def test_a_misspelt_key_is_named_once_with_the_key_that_is_meant(kind, path):
             "2:7: unknown kind 'bondgraph'; it is one of bond-graph, identification, reduction, synthesis, "
             "modal-analysis, study; did you mean 'bond-graph'?",
         ),
+        (
+            "dynid: 1\nkind: structure\n",
+            "2:7: unknown kind 'structure'; it is one of bond-graph, identification, reduction, synthesis, "
+            "modal-analysis, study. Modes and responses of a structure alone: kind: identification with "
+            "'analysis', without 'measurement'; its reduced models: kind: reduction",
+        ),
+        (
+            "excitation: [{dof: 2, column: Force [N]}]\n",
+            "1:37: a mapping that opens with '{' lacks a comma or its '}'; put a text that holds '[' in "
+            "quotes",
+        ),
     ],
 )
 def test_what_is_no_scene_is_told_what_a_scene_is(text, fault):

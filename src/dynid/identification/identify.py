@@ -398,16 +398,15 @@ def _checked(posterior: Posterior, begun: Likelihood, suggest: bool) -> Posterio
 
     `begun`: the likelihood of the start, in which the parameters are free that ran away and were fixed.
     """
-    if suggest and (not posterior.comparison.explained or posterior.comparison.lacks_fit):
+    if suggest and posterior.comparison.has_signal and (holds := better_hold(posterior)):
+        posterior = replace(posterior, mistakes=tuple(holds))
+    elif suggest and (not posterior.comparison.explained or posterior.comparison.lacks_fit):
         likelihood, start = posterior.likelihood, starts(begun.unknowns)
         etas = [posterior.fit.eta, start]
         if not np.array_equal(start, starts(likelihood.unknowns)):
             likelihood, etas = begun, [start]
         mistakes = instrument_mistakes(likelihood, etas)
         posterior = replace(posterior, mistakes=tuple(mistakes))
-    elif suggest and posterior.comparison.has_signal:
-        holds = better_hold(posterior.likelihood, posterior.fit.eta)
-        posterior = replace(posterior, mistakes=tuple(holds))
     if not all(record.superposes for record in posterior.likelihood.records):
         # Of joints with laws alone.
         from dynid.identification.diagnosis.idle_laws import idle_laws

@@ -259,6 +259,20 @@ def _validated(source: Source) -> tuple[Scene | None, list[Fault]]:
     return None if faults else Scene(source, valid, names), faults
 
 
+_OF_STRUCTURES = (
+    ". Modes and responses of a structure alone: kind: identification with 'analysis', without 'measurement'; "
+    "its reduced models: kind: reduction"
+)
+#: Words that somebody may take for a kind, and the kind that has it.
+_OTHER_KINDS = {
+    **dict.fromkeys(("structure", "structural", "fe", "fem", "modes", "model"), _OF_STRUCTURES),
+    **dict.fromkeys(("modal", "frf", "ema", "oma"), ". Modes of measured responses: kind: modal-analysis"),
+    **dict.fromkeys(
+        ("control", "loop", "circuit", "transfer-function"), ". Loops and circuits: kind: bond-graph"
+    ),
+}
+
+
 def _model_of(source: Source) -> type[SceneModel]:
     """Return the model of the kind of a scene, without which nothing else can be checked."""
     data = source.data
@@ -272,7 +286,7 @@ def _model_of(source: Source) -> type[SceneModel]:
     kind = data["kind"]
     if not isinstance(kind, str) or kind not in KINDS:
         name = f" '{kind}'" if isinstance(kind, str) else ""
-        hint = did_you_mean(str(kind), KINDS) if name else ""
+        hint = (did_you_mean(str(kind), KINDS) or _OTHER_KINDS.get(str(kind), "")) if name else ""
         message = f"unknown kind{name}; it is one of {', '.join(KINDS)}{hint}"
         raise SceneError([source.fault(("kind",), message)])
     return cast("type[SceneModel]", KINDS[kind].load("model"))

@@ -21,6 +21,7 @@ from dynid.arrays import Array
 from dynid.errors import DynidError
 from dynid.identification.diagnosis.corrections import Explanation
 from dynid.identification.diagnosis.equivalent_optima import DECIDED
+from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.time_record import TimeRecord
@@ -55,20 +56,22 @@ class OtherHold(Explanation):
     largest_shift: float  # of the estimates (p), in standard errors
 
 
-def better_hold(likelihood: Likelihood, eta: Array) -> list[str]:
-    """Return the hold with which a record that fits is far likelier; else one that would move the estimate.
+def better_hold(posterior: Posterior) -> list[str]:
+    """Return the hold with which the records fit and are far likelier; else one that would move the estimate.
 
-    `eta`: coordinates of the estimate (p). None where every other hold is far less likely, or moves nothing.
+    None where every other hold is far less likely, or moves nothing.
     """
-    holds = sorted(other_holds(likelihood, eta), key=lambda hold: -hold.gain)
-    if holds and holds[0].gain > _LEAST_GAIN:
+    holds = sorted(_other_holds(posterior.likelihood, posterior.fit.eta), key=lambda hold: -hold.gain)
+    if holds and holds[0].gain > _LEAST_GAIN and not holds[0].comparison.lacks_fit:
         return list(holds[0].sentences())
+    if posterior.comparison.lacks_fit:
+        return []
     return [
         hold.undecided for hold in holds if hold.gain > -DECIDED and hold.largest_shift > _UNDECIDED_SHIFT
     ][:1]
 
 
-def other_holds(likelihood: Likelihood, eta: Array) -> Iterator[OtherHold]:
+def _other_holds(likelihood: Likelihood, eta: Array) -> Iterator[OtherHold]:
     """Yield the likelihood with every other hold of the inputs of files, and its estimate from `eta` (p)."""
     records = [record for record in likelihood.records if isinstance(record, TimeRecord)]
     stated = [load.signal.hold for record in records for load in record.conditions.loads if _of_file(load)]

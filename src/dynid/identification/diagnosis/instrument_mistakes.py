@@ -9,7 +9,7 @@ concentrated likelihood over parameters and corrections. It starts from the esti
 the start with one mistake in all channels, or in all of one quantity, with one reversed channel, or with two
 exchanged channels of one quantity and unit. Where all that explains nothing, one more unknown is estimated:
 a gain, the corner of a filter, or the mass of a sensor (`instrument_unknowns`); of frequency responses, the
-other kind of damping is tried first (`damping_kinds`), of records of time another hold (`holds`).
+other kind of damping is tried first (`damping_kinds`).
 
 Anything is suggested only where the model lacked fit, the likelihood grows far beyond what the choice
 explains, every corrected channel needs its own, and the record then fits.
@@ -40,7 +40,6 @@ from dynid.identification.diagnosis.corrections import (
     gain_unknown,
     shifted,
 )
-from dynid.identification.diagnosis.holds import other_holds
 from dynid.identification.likelihood.frf_record import FrfLikelihood, FrfRecord
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.time_record import TimeRecord
@@ -97,8 +96,6 @@ def _explanations(likelihood: Likelihood, etas: Sequence[Array]) -> Iterator[Exp
 
         yield from other_damping(likelihood, etas[0])
         likelihood = likelihood.band_limited(BAND_FACTOR) or likelihood
-    else:
-        yield from other_holds(likelihood, etas[0])
     plain = corrected(likelihood, [[NONE] * record.data.values.shape[1] for record in likelihood.records])
     try:
         before = concentrated(plain, plain.fit(etas[0]), None)

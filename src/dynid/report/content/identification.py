@@ -108,8 +108,8 @@ def _estimate_sections(result: Result) -> Iterator[ReportSection]:
     verdict, *statements = verdict_statements(result)
     doubts = (statement for statement in statements if statement.tone == "bad")
     yield ReportSection("Parameters", (_parameter_table(result),), "answer", screen="")
-    caveats = calibration_caveats(result)  # a page has no verdict above them alone
-    yield ReportSection("Parameters", (*caveats, verdict, *doubts), "answer", screen="")
+    caveats = calibration_caveats(result)  # the verdict does not stand alone on a page
+    yield ReportSection("Parameters", (verdict, *caveats, *doubts), "answer", screen="")
     yield ReportSection(title, tuple(said for said in statements if said.tone != "bad"), screen="")
     if f"{_LAWS}/name" in result:
         yield _compared_laws(result)

@@ -16,6 +16,8 @@ from dynid.units import FrequencyUnit
 
 #: Most frequencies of a row.
 _FREQUENCIES = 4
+#: Error and MAC up to which a reduced mode is that of the full structure, as in correlations with tests.
+_MAX_FREQUENCY_ERROR, _MIN_MAC = 0.01, 0.9
 
 
 def method(result: Result) -> str:
@@ -26,7 +28,7 @@ def method(result: Result) -> str:
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the comparison of the methods."""
     unit, *others = remarks(result)
-    yield ReportSection("Methods", (_method_table(result), unit), "answer", screen="")
+    yield ReportSection("Methods", (_method_table(result), unit, *_verdict(result)), "answer", screen="")
     if others:
         yield ReportSection("Masters and rigid-body modes", tuple(others), screen="")
 
@@ -91,6 +93,25 @@ def _common(result: Result) -> set[int]:
     """Return the mode numbers that all methods have; all of them, where they have none in common."""
     numbers = [set(_of(result, name, "mode").tolist()) for name in _names(result)]
     return set.intersection(*numbers) or set.union(*numbers)
+
+
+def _verdict(result: Result) -> Iterator[Statement]:
+    """Yield up to which mode, and frequency, each method agrees with the full structure."""
+    unit, parts = frequency_unit(result), []
+    for name in _names(result):
+        if f"reduction/{name}/mac" not in result:
+            continue
+        modes, omega, error = (_of(result, name, array) for array in ("mode", "reference", "frequency_error"))
+        agreement = np.diagonal(_of(result, name, "mac"))
+        good = (omega == 0) | (np.abs(error) <= _MAX_FREQUENCY_ERROR) & (agreement >= _MIN_MAC)
+        good &= modes == np.arange(1, len(modes) + 1)
+        count = int(np.argmin([*good, False]))
+        if count:
+            span = f"{_span(modes[:count].tolist())} ({_frequency(omega[count - 1], unit)} {unit.name})"
+        parts.append(f"{name} {span if count else 'no mode'}")
+    if parts:
+        limits = f"frequencies within {100 * _MAX_FREQUENCY_ERROR:g} %, MAC {_MIN_MAC:g} or more"
+        yield Statement(f"as the full structure from the first mode on ({limits}): {'; '.join(parts)}")
 
 
 def remarks(result: Result) -> Iterator[Statement]:

@@ -27,6 +27,8 @@ from dynid.result import Result
 
 #: Most responses that are drawn.
 RESPONSES = 6
+# Errors of frequencies are drawn from here on: smaller ones are round-off, which would take half the axis.
+_LEAST_ERROR = 1e-6
 _SYMBOLS = ("o", "square", "diamond", "ring", "x", "+")
 
 
@@ -88,14 +90,14 @@ def _frequencies(result: Result, methods: Sequence[str]) -> Chart:
         }
         get |= {name: unit.factor * get[name] for name in ("frequencies", "reference")}
         modes, error = get["mode"], np.abs(get["frequency_error"])
-        percent = 100 * np.maximum(error, 1e-16)
+        percent = 100 * np.maximum(error, _LEAST_ERROR)
         tips = [f"{method}, mode {m}: {short(100 * e, 2)} %" for m, e in zip(modes, error, strict=True)]
         layers += [
             Curve(modes, percent, "", series_class(index, True) + " fine", name=method),
             Markers(modes, percent, method, series_class(index), _SYMBOLS[index % 6], 4, tips),
         ]
         rows += [(method, *map(float, row)) for row in zip(*get.values(), strict=True)]
-    about = "Relative error of the natural frequencies; errors of zero are drawn at 10⁻¹⁴ %."
+    about = "Relative error of the natural frequencies; errors below 10⁻⁴ % are drawn there."
     plot = Subplot(PlotAxis("mode", step=1), PlotAxis("frequency error (%)", log=True), layers)
     heading, full = f"frequency ({unit.name})", f"of the full model ({unit.name})"
     columns = ("method", "mode", heading, full, "relative error")

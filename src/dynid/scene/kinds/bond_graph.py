@@ -203,6 +203,13 @@ def doubts(scene: Scene) -> Iterator[Fault]:
             f"add it, or leave the block out"
         )
         yield scene.source.fault(("analysis", name), message, key=True)
+    results = model.analysis.results or ()
+    if model.control is not None and model.control.delays and "hidden_modes" in results:
+        message = (
+            "hidden modes are not listed of a graph with delays in loops; its poles ('poles') and verdict "
+            "('stable') include them"
+        )
+        yield scene.source.fault(("analysis", "results", results.index("hidden_modes")), message)
 
 
 def unread_files(scene: Scene[BondGraphScene]) -> Iterator[KeyPath]:

@@ -121,6 +121,8 @@ def _in_plain_words(error: yaml.YAMLError, text: str, file: str) -> Fault:
     else:
         messages = (words for pattern, words in _PLAIN_WORDS.items() if pattern in problem)
         message = next(messages, f"this is not valid YAML: {problem}")
+        if character in ("[", "{") and "lacks a comma" in message:
+            message += f"; put a text that holds '{character}' in quotes"
     if mark and context and context.line != mark.line:
         message += f" (it begins at line {context.line + 1}, column {context.column + 1})"
     return Fault(file, line, column, message)
