@@ -260,8 +260,8 @@ def _validated(source: Source) -> tuple[Scene | None, list[Fault]]:
 
 
 _OF_STRUCTURES = (
-    ". Modes and responses of a structure alone: kind: identification with 'analysis', without 'measurement'; "
-    "its reduced models: kind: reduction"
+    ". Modes and responses of a structure alone: kind: identification with 'analysis', without "
+    "'measurement'; its reduced models: kind: reduction"
 )
 #: Words that somebody may take for a kind, and the kind that has it.
 _OTHER_KINDS = {
