@@ -145,10 +145,10 @@ def _scene_of_record(
     forces = [name for name, unit in columns.items() if unit and unit_fits(unit, ["N", "N.m"])]
     sensors = [name for name in columns if name not in forces]
     file = f"path: {_word(path.name)}{keys}"
-    if forces:
-        yield "# a smooth curve between its samples; else state hold: linear or hold: zero"
+    note = "# a smooth curve between its samples; else state hold: linear or hold: zero\n"
     for name in forces[:_MAX_NAMED]:
-        yield f"excitation: [{{dof: …, kind: file, {file}, column: {_word(name)}}}]"
+        yield f"{note}excitation: [{{dof: …, kind: file, {file}, column: {_word(name)}}}]"
+        note = ""
     if not sensors:
         return
     motions = [

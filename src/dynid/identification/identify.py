@@ -126,7 +126,7 @@ def identify(
 
             assert isinstance(last, StructuralModel)
             comparison = compare_laws(problem, last, posterior, further.laws)
-            posterior = replace(posterior, laws=comparison)
+            posterior = replace(posterior, next_laws=comparison.next_step)
             additions.append(lambda result, _: comparison.add_to(result))
         if posterior.rejection is not None:
             if problem.survey is not None:

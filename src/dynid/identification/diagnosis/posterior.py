@@ -25,7 +25,6 @@ from dynid.parameters import logarithmic, rates, truths, values
 
 if TYPE_CHECKING:
     from dynid.identification.diagnosis.equivalent_optima import EquivalentOptima
-    from dynid.identification.diagnosis.law_comparison import LawComparison
     from dynid.identification.diagnosis.model_error import ModelError
     from dynid.identification.diagnosis.proportional_noise import GrowingResiduals
 
@@ -55,7 +54,7 @@ class Posterior(Residuals):
 
     model_error: ModelError | None = None  # error that the reduction of the model causes, if it is reduced
     mistakes: tuple[str, ...] = ()  # mistakes of instruments that explain the lack of fit, in words
-    laws: LawComparison | None = None  # candidates for the laws of joints, if they were compared
+    next_laws: str = ""  # what to do about a nonlinear joint, if laws were compared for it
     # Residuals that grow with the response, where these are not explained by mistakes.
     growing: GrowingResiduals | None = None
     rejection: DynidError | None = None  # error that rejects the fit; None where it is accepted

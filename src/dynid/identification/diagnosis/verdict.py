@@ -146,7 +146,7 @@ def _possible_causes(posterior: Posterior) -> str:
     tested = posterior.nonlinearity
     causes = _POSSIBLE_CAUSES
     if tested is not None and tested.nonlinear:
-        step = _NEXT_LAWS if posterior.laws is None else posterior.laws.next_step
+        step = posterior.next_laws or _NEXT_LAWS
         causes = f"Possible causes: a wrong mass or connection; {tested.verdict}; {step}"
     elif tested is not None:
         causes = f"{_POSSIBLE_LINEAR_CAUSES}; {tested.verdict}"
