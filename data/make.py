@@ -12,6 +12,8 @@
   for configs/machine_recorders.yaml.
 - chain_frf.csv, chain_modal.h5: accelerances of a chain (2 % noise of every line, seed 3), and its modes by
   configs/chain_frf_modes.yaml.
+- chain_ambient.npz: accelerations (g) of that chain under random forces and a machine at 20 Hz (seed 5), for
+  configs/chain_ambient.yaml.
 - eq25_mass.mtx, eq25_damping.mtx, eq25_stiffness.mtx: the reduced beam of Yang (1997), eq 25, with the
   misprinted (2,3) entry of the stiffness (-11.0029, which makes it indefinite) as -1.0029.
 """
@@ -21,6 +23,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy.io import mmwrite, wavfile
+from scipy.linalg import expm
 
 import dynid
 from dynid.result import Result
@@ -107,9 +110,8 @@ def logger() -> None:
     (HERE / "machine_logger.csv").write_text("\n".join([*rows, ""]))
 
 
-def chain() -> None:
-    """Write accelerances of the chain of configs/chain_from_modes.yaml, and the modes of these."""
-    omega = 2 * np.pi * np.linspace(2, 45, 216)
+def chain_matrices() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return mass, damping and stiffness of the chain of configs/chain_from_modes.yaml."""
     C, K = np.zeros((2, 5, 5))
     links = [((0,), 2e4, 6), ((0, 1), 3e4, 9), ((1, 2), 1.5e4, 12), ((2, 3), 2.5e4, 0), ((3, 4), 2e4, 6)]
     for ends, stiffness, damping in links:
@@ -117,7 +119,13 @@ def chain() -> None:
         v[ends[-1]], v[ends[0]] = 1, -1 if len(ends) > 1 else 1
         K += stiffness * np.outer(v, v)
         C += damping * np.outer(v, v)
-    M = np.diag([2, 2, 1.5, 1, 1])
+    return np.diag([2, 2, 1.5, 1, 1]), C, K
+
+
+def chain() -> None:
+    """Write accelerances of the chain, and the modes of these."""
+    omega = 2 * np.pi * np.linspace(2, 45, 216)
+    M, C, K = chain_matrices()
     force = np.eye(5)[:, 4]
     H = np.array([-(w**2) * np.linalg.solve(K + 1j * w * C - w**2 * M, force)[[0, 2, 4]] for w in omega])
     random = np.random.default_rng(3)
@@ -126,6 +134,26 @@ def chain() -> None:
     table = np.column_stack([omega / (2 * np.pi), H.view(float)])
     np.savetxt(HERE / "chain_frf.csv", table, delimiter=",", header=heads, comments="", fmt="%.6g")
     write_result(dynid.run(HERE.parent / "configs" / "chain_frf_modes.yaml"), HERE / "chain_modal.h5")
+
+
+def ambient() -> None:
+    """Write accelerations of the chain under white forces held in each step and a machine at 20 Hz, in g."""
+    M, C, K = chain_matrices()
+    step, samples, settle = 0.01, 11000, 1000
+    A = np.block([[np.zeros((5, 5)), np.eye(5)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    B = np.vstack([np.zeros((5, 5)), np.linalg.inv(M)])
+    joint = expm(step * np.block([[A, B], [np.zeros((5, 15))]]))
+    random = np.random.default_rng(5)
+    forces = 20 * random.standard_normal((settle + samples, 5))
+    state, values = np.zeros(10), np.zeros((settle + samples, 5))
+    for k, force in enumerate(forces):
+        values[k] = A[5:] @ state + B[5:] @ force
+        state = joint[:10] @ np.concatenate([state, force])
+    values = values[settle:, [0, 2, 4]]
+    values += 12 * np.sin(2 * np.pi * 20 * step * np.arange(samples))[:, None] * [1, 2, 1.5]
+    values += 0.05 * values.std(axis=0) * random.standard_normal(values.shape)
+    a1, a3, a5 = (values / 9.80665).astype(np.float32).T
+    np.savez_compressed(HERE / "chain_ambient.npz", a1=a1, a3=a3, a5=a5)
 
 
 def matrices() -> None:
@@ -149,3 +177,4 @@ if __name__ == "__main__":
     recorders()
     matrices()
     chain()
+    ambient()

@@ -1,10 +1,12 @@
 """Modal analyses of random noise, counted: modes missed and spurious, coverage of 95 % intervals, CPU time.
 
     python -m tests.modal.monte_carlo CASE|all [SEEDS] [--peer] [--powers=0,-2]
+    python -m tests.modal.monte_carlo ambient [SEEDS] [--peer] [--seconds=900]
 
-prints a line a case. `--powers` replaces the powers of the residual terms. `--peer` runs sdypy-EMA (which
-must be importable, and takes one reference) on the same responses in turn, with the true frequencies as its
-picks.
+prints a line a case. `ambient` is of six masses under white forces that are not recorded; its peer is pyOMA-2
+at the order of each mode, with covariances of as many blocks. `--powers` replaces the powers of the residual
+terms. `--peer` runs sdypy-EMA (which must be importable, and takes one reference) on the same responses in
+turn, with the true frequencies as its picks.
 """
 
 import sys
@@ -16,7 +18,9 @@ import numpy as np
 
 from dynid.modal import modal_model
 from dynid.modal.modal_analysis import analyse
+from dynid.modal.subspace import BLOCKS, analyse_outputs
 from dynid.modal.write_result import doubts_of
+from tests.modal.outputs import accelerations, chain, standardised_outputs
 from tests.modal.structures import OMEGA, measured, modes, standardised
 
 
@@ -122,11 +126,83 @@ def peer_poles(frf: Any, poles: Any) -> Any:
     return np.array([model.all_poles[row][column] for row, column in model.pole_ind])
 
 
+def run_ambient(seeds: int, seconds: float, *, peer: bool = False) -> str:
+    """Return what came of responses alone in a line."""
+    step, (omega, ratio, shapes) = 1 / 40, chain()
+    standard: list[list[Any]] = [[], [], []]
+    missed = spurious = 0
+    cpu, of_peer, differences = list[float](), list[float](), list[Any]()
+    for seed in range(seeds):
+        record = accelerations((omega, ratio, shapes), step, int(seconds / step), seed)
+        scale = record.std(axis=0)
+        record = (record - record.mean(axis=0)) / scale
+        begin = time.process_time()
+        analysis = analyse_outputs([record], step, (6.0, 120.0), lambda s: s**2 / scale)  # noqa: B023
+        cpu.append(time.process_time() - begin)
+        if peer:
+            begin = time.process_time()
+            theirs = pyoma_poles(record, step, analysis.block_rows, int(analysis.order.max()))
+            of_peer.append(time.process_time() - begin)
+            for k, order in enumerate(analysis.order.tolist()):
+                frequency, damping, *errors = (table[:, order // 2] for table in theirs)
+                at = np.nanargmin(
+                    np.abs(2 * np.pi * frequency / analysis.modes.omega[k] - 1)
+                    + np.abs(damping - analysis.modes.damping[k])
+                )
+                of_omega, of_damping, _ = analysis.modes.standard_errors
+                differences.append([
+                    abs(2 * np.pi * frequency[at] - analysis.modes.omega[k]) / of_omega[k],
+                    abs(damping[at] - analysis.modes.damping[k]) / of_damping[k],
+                    2 * np.pi * errors[0][at] / of_omega[k],
+                    errors[1][at] / of_damping[k],
+                ])  # fmt: skip
+        surplus = len(analysis.modes.omega) - len(omega)
+        missed, spurious = missed + max(-surplus, 0), spurious + max(surplus, 0)
+        if surplus == 0:
+            for errors_of, values in zip(
+                standard, standardised_outputs(analysis.modes, omega, ratio, shapes), strict=True
+            ):
+                errors_of.append(values)
+    covered = [100 * np.mean(np.abs(np.concatenate(errors_of)) < 1.96) for errors_of in standard]
+    line = (
+        f"ambient, {seconds:g} s: {seeds} seeds, missed {missed}, spurious {spurious}, covered "
+        f"{', '.join(f'{share:.1f}' for share in covered)} %, CPU {np.median(cpu):.2f} s"
+    )
+    if peer:
+        median = np.median(differences, axis=0)
+        ratios = np.array(of_peer) / np.array(cpu)
+        line += (
+            f"; pyOMA-2 {np.median(of_peer):.2f} s, {np.median(ratios):.1f} times (median of pairs); median "
+            f"differences {median[0]:.2g}, {median[1]:.2g} standard errors; "
+            f"its over ours {median[2]:.2f}, {median[3]:.2f}"
+        )
+    return line
+
+
+def pyoma_poles(record: Any, step: float, rows: int, order: int) -> Any:
+    """Return frequencies (Hz), damping ratios and standard errors of both, by pyOMA-2 (poles x orders)."""
+    import logging
+
+    from pyoma2.functions import ssi
+
+    logging.disable(logging.WARNING)
+    H, T = ssi.build_hank(record.T, record.T, rows, method="cov", calc_unc=True, nb=BLOCKS)
+    observability, A, C, _ = ssi.SSI_fast(H, rows, order, step=2)
+    frequency, damping, _, _, by_frequency, by_damping, *_ = ssi.SSI_poles(
+        observability, A, C, order, step, step=2, calc_unc=True, H=H, T=T
+    )
+    return frequency, damping, by_frequency, by_damping
+
+
 if __name__ == "__main__":
     arguments = [argument for argument in sys.argv[1:] if not argument.startswith("--")]
     for option in sys.argv[1:]:
         if option.startswith("--powers="):
             modal_model.RESIDUAL_POWERS = tuple(map(int, option.partition("=")[2].split(",")))
     count = int(arguments[1]) if len(arguments) > 1 else 200
+    if arguments[0] == "ambient":
+        lasting = [float(text.partition("=")[2]) for text in sys.argv if text.startswith("--seconds=")]
+        print(run_ambient(count, *(lasting or [900.0]), peer="--peer" in sys.argv), flush=True)
+        sys.exit()
     for key in CASES if arguments[0] == "all" else [arguments[0]]:
         print(run(key, count, peer="--peer" in sys.argv), flush=True)

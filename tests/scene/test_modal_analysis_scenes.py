@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.errors import SceneError, UsageError
+from dynid.errors import NumericalError, SceneError, UsageError
+from tests.modal.outputs import accelerations, chain
 from tests.scene.example_scenes import MODAL, faults_of
 
 M = np.diag([2.0, 1.5, 1.0])
@@ -236,12 +237,12 @@ def test_a_single_impact_has_its_noise_from_the_residuals(tmp_path):
     assert result.group_attrs["modal"]["noise"] == "estimated"
 
 
-def test_output_only_and_forces_that_are_not_measured_are_refused(tmp_path):
-    path = listed(tmp_path, [(0, [0, 1], 0.0)])
+def test_records_with_and_without_forces_and_forces_that_are_not_measured_are_refused(tmp_path):
+    path = listed(tmp_path, [(0, [0, 1], 0.0), (0, [0, 1], 0.0)])
     text = path.read_text()
     force = text[text.index("{dof: 1, kind: file") : text.index("}}\n")] + "}"
-    path.write_text(text.replace(f", excitation: {force}", ""))
-    with pytest.raises(SceneError, match="modes of responses alone are not available"):
+    path.write_text(text.replace(f", excitation: {force}", "", 1))
+    with pytest.raises(SceneError, match="some records have an 'excitation' and others none"):
         dynid.run(path)
     path.write_text(text.replace(force, "{dof: 1, kind: impact, amplitude: 1, duration: 0.01}"))
     with pytest.raises(UsageError, match="of record 1 is no measured force, but of the kind impact"):
@@ -339,3 +340,104 @@ def test_all_channels_of_a_universal_file(tmp_path):
     tolerance = 1e-3 * np.abs(shapes**2).max()
     assert np.allclose(result["modal/shape"].data ** 2, shapes.T**2, rtol=0.05, atol=tolerance)
     assert np.sign(result["modal/shape"].data[0].real).prod() == 1  # all move one way
+
+
+AMBIENT = """dynid: 1
+kind: modal-analysis
+measurement:
+  step: 0.0125
+  samples: 12000
+  channels: [{dof: 1, quantity: acceleration}, {dof: "12:-z", quantity: acceleration, gain: 2}]
+  file: {path: a.npz, columns: [a, b]}
+band: {low: 10, high: 18, unit: Hz}
+"""
+
+
+@pytest.fixture(scope="module")
+def ambient(tmp_path_factory):
+    """Accelerations of two sensors of a chain, the second with a gain of -2."""
+    folder = tmp_path_factory.mktemp("ambient")
+    values = accelerations(chain(), 0.0125, 12000, seed=4, sensors=(0, 3))
+    gap = np.where(np.arange(12000) == 5, np.nan, values[:, 0])
+    np.savez(folder / "a.npz", a=values[:, 0], b=-2 * values[:, 1], gap=gap, flat=np.ones(12000))
+    return folder
+
+
+def test_ambient_vibration_has_modes_without_a_scale(ambient):
+    from dynid.report.content import content
+    from dynid.report.figure import figures
+    from dynid.scene.explanation import explain
+
+    path = ambient / "ambient.yaml"
+    path.write_text(AMBIENT)
+    result = dynid.run(path)
+    omega, _, shapes = chain()
+    high = omega > 2 * np.pi * 10
+    assert result["modal/frequency"].data == pytest.approx(omega[high], rel=4e-3)
+    assert result["modal/damping"].data == pytest.approx(0.01, rel=0.5)
+    ratio = result["modal/shape"].data
+    assert (ratio[:, 1] / ratio[:, 0]).real == pytest.approx((shapes[3] / shapes[0])[high], rel=0.1)
+    assert result["modal/shape"].attrs["normalisation"] == "largest entry 1"
+    assert list(result["modal/channel"].data) == ["1", "12:z"]
+    assert "modal/harmonics" not in result
+    assert result.value("modal/periods") > 1000
+    drawn = [figure.name for figure in figures(result) if figure.picture]
+    assert drawn == ["stabilisation", "modal-shapes", "modal-shapes-animated", "modal-mac"]
+    (section,) = [section for section in content(result).sections if section.title == "Modes"]
+    assert "responses to ambient excitation over" in section.blocks[-1].text
+    facts = {fact.topic: fact.text for fact in explain(dynid.load_scene(path)).facts}
+    assert facts["samples"] == "12000, 0.0125 s apart"
+
+
+def test_oversampled_ambient_vibration_is_decimated_and_short_records_warn(ambient):
+    from dynid.report.figure import figures
+    from dynid.scene.explanation import explain
+
+    times = 0.00625 * np.arange(24000)
+    upsampled = np.column_stack([np.sin(2 * np.pi * 11.5 * times), np.zeros(24000)])
+    modes = chain()
+    values = accelerations(modes, 0.00625, 24000, seed=4, sensors=(0, 3)) + 3 * upsampled
+    np.savez(ambient / "fast.npz", a=values[:, 0], b=values[:, 1])
+    path = ambient / "fast.yaml"
+    text = AMBIENT.replace("0.0125", "0.00625").replace("12000", "24000").replace("a.npz", "fast.npz")
+    path.write_text(text.replace("low: 10, high: 18", "low: 1.8, high: 12"))
+    facts = {fact.topic: fact.text for fact in explain(dynid.load_scene(path)).facts}
+    assert facts["samples"].endswith("0.03125 s apart, every 5. sample of the records")
+    result = dynid.run(path)
+    assert result["modal/frequency"].data == pytest.approx(modes[0][:3], rel=1e-2)
+    assert result["modal/harmonics"].data == pytest.approx([2 * np.pi * 11.5], rel=1e-4)
+    warnings = " ".join(result["modal/warnings"].data)
+    assert "1 sine in the responses, no modes, at 11.5 Hz" in warnings
+    assert "periods of the lowest mode" in warnings
+    (chart,) = [figure.picture for figure in figures(result) if figure.name == "stabilisation"]
+    assert "harmonic" in chart.svg
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("columns: [a, b]", "columns: [gap, b]", "record 1 has missing samples"),
+        ("columns: [a, b]", "columns: [a, flat]", "channel 2 is constant"),
+        ("high: 18", "high: 41", "the band ends above half the sampling rate, 40 Hz"),
+        ('"12:-z", quantity: acceleration', "1, quantity: velocity", "a response is measured twice"),
+        ("  file:", "  records: [{}, {step: 0.01}]\n  file:", "record 2 has another step or other channels"),
+    ],
+)
+def test_ambient_vibration_that_cannot_be_analysed_is_refused(ambient, old, new, message):
+    path = ambient / "refused.yaml"
+    assert old in AMBIENT
+    path.write_text(AMBIENT.replace(old, new))
+    with pytest.raises((UsageError, NumericalError), match=message):
+        dynid.run(path)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("exponential: 1", "'exponential' windows impacts, and these have no 'excitation'"),
+        ("segment: 2", "'segment' is of records with forces"),
+        ("modes: {shapes: real}", "modes of responses alone are complex and of no scale"),
+    ],
+)
+def test_keys_of_forces_are_refused_without_one(line, message):
+    assert any(message in fault for fault in faults_of(AMBIENT + line + "\n"))

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dynid.arrays import ComplexArray
+from dynid.modal.chains import Chart
 from dynid.modal.modal_analysis import ModalAnalysis
-from dynid.modal.reported_modes import LARGEST
+from dynid.modal.reported_modes import LARGEST, ReportedModes
 from dynid.modal.spectra import MIN_RESOLUTION
+from dynid.number_format import counted
 from dynid.result import Result
+
+if TYPE_CHECKING:
+    from dynid.modal.subspace import OutputModes
 
 #: Group of the results.
 GROUP = "modal"
 # Relative standard error of the residue at the driving point above which the scale of a shape is doubtful:
 # shapes go with its root, whose bars are right while it is small.
 _DOUBTFUL_SCALE = 0.15
+# Periods of the lowest mode in the shortest records without excitation whose standard errors were tested.
+_MIN_PERIODS = 600
 
 
-def add_modes(
+def add_analysis(
     result: Result,
     analysis: ModalAnalysis,
     channels: Sequence[str],
@@ -32,25 +40,9 @@ def add_modes(
     `channels` and `references` name the DOFs; `powers` (lines x channels) turn receptances into what was
     measured.
     """
-    modes, fit, frf = analysis.modes, analysis.fit, analysis.model.frf
-    by_omega, by_damping, by_shape = modes.standard_errors
-    result.add_axis(f"{GROUP}/mode", np.arange(1, len(modes.omega) + 1))
-    result.add_axis(f"{GROUP}/channel", [str(channel) for channel in channels])
+    fit, frf = analysis.fit, analysis.model.frf
+    _add_modes(result, analysis.modes, analysis.chart, channels)
     result.add_axis(f"{GROUP}/reference", [str(reference) for reference in references])
-    result.add(f"{GROUP}/frequency", modes.omega, ("mode",), "rad/s")
-    result.add(f"{GROUP}/frequency_standard_error", by_omega, ("mode",), "rad/s")
-    result.add(f"{GROUP}/damping", modes.damping, ("mode",))
-    result.add(f"{GROUP}/damping_standard_error", by_damping, ("mode",))
-    of_shapes = ("mode", "channel")
-    result.add(f"{GROUP}/shape", modes.shape, of_shapes, normalisation=modes.normalisation)
-    result.add(f"{GROUP}/shape_standard_error", by_shape, of_shapes)
-    result.add(f"{GROUP}/complexity", modes.complexity, ("mode",))
-    result.add(f"{GROUP}/covariance/common", modes.common, ("value", "factor"))
-    of_channels = modes.by_channel.reshape(-1, modes.by_channel.shape[2])
-    result.add(f"{GROUP}/covariance/by_channel", of_channels, ("channel_value", "root"))
-    chart = analysis.chart
-    result.add_all(f"{GROUP}/chart", ("point",), order=chart.order, chain=chart.chain)
-    result.add(f"{GROUP}/chart/pole", chart.pole, ("point",), "rad/s")
     result.add_axis(f"{GROUP}/fit/omega", frf.omega, "rad/s")
     lines = ("omega", "channel", "reference")
     measured = np.where(frf.weights > 0, frf.values, np.nan) * powers[:, :, None]
@@ -67,9 +59,55 @@ def add_modes(
     result.annotate(GROUP, noise="estimated" if frf.estimated else "stated")
     if analysis.model.own:
         result.annotate(GROUP, reciprocal=True)
-    doubts = [*warnings, *doubts_of(analysis)]
+    _add_warnings(result, [*warnings, *doubts_of(analysis)])
+
+
+def add_output_analysis(
+    result: Result, analysis: OutputModes, channels: Sequence[str], warnings: Sequence[str] = ()
+) -> None:
+    """Add the modes of responses alone, and the frequencies of sines in them."""
+    _add_modes(result, analysis.modes, analysis.chart, channels)
+    result.add(f"{GROUP}/order", analysis.order, ("mode",))
+    result.add(f"{GROUP}/periods", analysis.periods)
+    result.annotate(GROUP, block_rows=analysis.block_rows)
+    doubts = [*warnings]
+    if len(analysis.harmonics):
+        result.add(f"{GROUP}/harmonics", analysis.harmonics, ("harmonic",), "rad/s")
+        frequencies = ", ".join(f"{omega / (2 * np.pi):.5g}" for omega in analysis.harmonics)
+        doubts.append(
+            f"{counted(len(analysis.harmonics), 'sine')} in the responses, no modes, at {frequencies} Hz: "
+            "harmonics of a machine, whose frequency may hide a mode"
+        )
+    if analysis.periods < _MIN_PERIODS:
+        doubts.append(
+            f"the record has {analysis.periods:.0f} periods of the lowest mode, and standard errors are "
+            f"those of {_MIN_PERIODS} and more: record longer"
+        )
+    _add_warnings(result, doubts)
+
+
+def _add_modes(result: Result, modes: ReportedModes, chart: Chart, channels: Sequence[str]) -> None:
+    by_omega, by_damping, by_shape = modes.standard_errors
+    result.add_axis(f"{GROUP}/mode", np.arange(1, len(modes.omega) + 1))
+    result.add_axis(f"{GROUP}/channel", [str(channel) for channel in channels])
+    result.add(f"{GROUP}/frequency", modes.omega, ("mode",), "rad/s")
+    result.add(f"{GROUP}/frequency_standard_error", by_omega, ("mode",), "rad/s")
+    result.add(f"{GROUP}/damping", modes.damping, ("mode",))
+    result.add(f"{GROUP}/damping_standard_error", by_damping, ("mode",))
+    of_shapes = ("mode", "channel")
+    result.add(f"{GROUP}/shape", modes.shape, of_shapes, normalisation=modes.normalisation)
+    result.add(f"{GROUP}/shape_standard_error", by_shape, of_shapes)
+    result.add(f"{GROUP}/complexity", modes.complexity, ("mode",))
+    result.add(f"{GROUP}/covariance/common", modes.common, ("value", "factor"))
+    of_channels = modes.by_channel.reshape(-1, modes.by_channel.shape[2])
+    result.add(f"{GROUP}/covariance/by_channel", of_channels, ("channel_value", "root"))
+    result.add_all(f"{GROUP}/chart", ("point",), order=chart.order, chain=chart.chain)
+    result.add(f"{GROUP}/chart/pole", chart.pole, ("point",), "rad/s")
+
+
+def _add_warnings(result: Result, doubts: Sequence[str]) -> None:
     if doubts:
-        result.add(f"{GROUP}/warnings", doubts, ("warning",))
+        result.add(f"{GROUP}/warnings", list(doubts), ("warning",))
 
 
 def _misfit(analysis: ModalAnalysis) -> str:

@@ -48,6 +48,14 @@ _COLUMNS = ("frequency", "frequency_standard_error", "damping", "damping_standar
 
 def statements(result: Result) -> Iterator[Statement]:
     """Yield what the modes rest on: the fit, reciprocity, the scale of the shapes."""
+    scale = result[f"{GROUP}/shape"].attrs["normalisation"]
+    if f"{GROUP}/periods" in result:
+        periods = result.value(f"{GROUP}/periods")
+        yield Statement(
+            f"responses to ambient excitation over {periods:.0f} periods of the lowest mode; shapes of "
+            f"{scale}, without a scale of masses"
+        )
+        return
     ratio = result.value(f"{GROUP}/fit/chi2") / result.value(f"{GROUP}/fit/degrees")
     lacks = bool(result.value(f"{GROUP}/fit/lacks_fit"))
     noise = result.group_attrs[GROUP]["noise"]
@@ -65,7 +73,6 @@ def statements(result: Result) -> Iterator[Statement]:
         p = result.value(f"{GROUP}/fit/real_shapes")
         reading = "complex shapes are needed" if p < _LEVEL else "not contradicted; modes: {shapes: real}"
         yield Statement(f"real shapes: {_p(p)}, {reading}")
-    scale = result[f"{GROUP}/shape"].attrs["normalisation"]
     yield Statement(f"shapes of {scale}; references {', '.join(texts(result, f'{GROUP}/reference'))}")
 
 

@@ -39,7 +39,8 @@ _MAX_PAIRS, _MAX_SHAPES = 12, 9
 
 def figures(result: Result) -> Iterator[Figure]:
     """Yield the figures of a modal analysis."""
-    yield Figure("synthesis", "Measured responses and their synthesis", partial(_synthesis, result))
+    if f"{GROUP}/fit/omega" in result:
+        yield Figure("synthesis", "Measured responses and their synthesis", partial(_synthesis, result))
     yield Figure("stabilisation", "Poles of increasing orders", partial(_chart, result))
     yield Figure("modal-shapes", "Mode shapes at the sensors", partial(_shapes, result))
     if len(result[f"{GROUP}/channel"].data) > 1:
@@ -89,7 +90,12 @@ def _chart(result: Result) -> Chart:
     ]
     heads = ("order", frequency_label(unit), "damping ratio", "chain")
     plot = Subplot(PlotAxis(frequency_label(unit)), PlotAxis("order"), layers, height=260.0)
-    about = "Stable poles of polynomials of increasing order; dashed: the modes by maximum likelihood."
+    about = "Stable poles of increasing order; dashed: the modes."
+    if f"{GROUP}/harmonics" in result:
+        layers += [
+            ReferenceLine(unit.factor * float(omega), "harmonic", "line", upright=True)
+            for omega in result[f"{GROUP}/harmonics"].data
+        ]
     return Chart([[plot]], about, FigureTable(heads, tuple(rows)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,12 +13,17 @@ from dynid.modal.frf_matrix import FrfMatrix, smoothed_variance
 from dynid.number_format import counted
 from dynid.result import Result
 from dynid.scene.explanation import Explanation, Fact
-from dynid.scene.kinds.measurements import frf_measurement
+from dynid.scene.kinds.measurements import experiments, frf_measurement
 from dynid.scene.load import Scene
 from dynid.scene.schema.modal_analysis import ModalAnalysisScene
 from dynid.structure.labels import unsigned
 from dynid.suggestions import shortened
 from dynid.units import angular_factor
+
+_TWICE = "a response is measured twice: by two quantities, or in two directions of one DOF"
+# Upper end of the band over the sampling rate to which records without excitation are decimated: the corner
+# of the filter.
+_DECIMATED_BAND = 0.4
 
 if TYPE_CHECKING:
     from dynid.identification.records.frf_measurement import FrfMeasurement
@@ -58,8 +63,10 @@ def run(scene: Scene[ModalAnalysisScene], sample: Result | None = None) -> Resul
     cannot be read, or does not have all responses to all references.
     """
     from dynid.modal.modal_analysis import analyse
-    from dynid.modal.write_result import add_modes
+    from dynid.modal.write_result import add_analysis
 
+    if scene.model.output_only:
+        return _run_of_outputs(scene, sample)
     test, options = _modal_test(scene), scene.model.modes
     analysis = analyse(
         test.frf,
@@ -76,13 +83,94 @@ def run(scene: Scene[ModalAnalysisScene], sample: Result | None = None) -> Resul
     if test.cut_off and analysis.bar_scale > 1:  # else the decays are short beside their noise
         end = "state 'exponential'" if scene.model.exponential is None else "shorten 'exponential'"
         notes.append(f"not decayed at the end: {shortened(test.cut_off)}; record longer, or {end}")
-    add_modes(result, analysis, test.channels, test.references, test.powers, notes)
+    add_analysis(result, analysis, test.channels, test.references, test.powers, notes)
     return result
 
 
 def preparation_steps(scene: Scene[ModalAnalysisScene]) -> Iterator[PreparationStep]:
     """Yield the step of a run before the analysis: read the measurement."""
-    yield lambda: _modal_test(scene)
+    yield lambda: _outputs(scene) if scene.model.output_only else _modal_test(scene)
+
+
+class _Outputs(NamedTuple):
+    """Responses without their excitation, and the DOFs they are of."""
+
+    records: list[Array]
+    step: float
+    channels: list[str]
+    instrument: Callable[[complex], ComplexArray]
+    factor: int  # by which they were decimated
+    notes: tuple[str, ...]
+
+
+def _run_of_outputs(scene: Scene[ModalAnalysisScene], sample: Result | None) -> Result:
+    from dynid.modal.subspace import analyse_outputs
+    from dynid.modal.write_result import add_output_analysis
+
+    outputs, band = _outputs(scene), scene.model.band
+    factor = angular_factor(band.unit)
+    ends = factor * float(band.low), factor * float(band.high)
+    analysis = analyse_outputs(outputs.records, outputs.step, ends, outputs.instrument)
+    result = sample if sample is not None else Result("modal-analysis", scene.title)
+    add_output_analysis(result, analysis, outputs.channels, outputs.notes)
+    return result
+
+
+def _outputs(scene: Scene[ModalAnalysisScene]) -> _Outputs:
+    """Return the records of a scene without excitation, decimated to its band."""
+    from dynid.identification.records.preparation import Decimate, prepare
+
+    band = scene.model.band
+    high = angular_factor(band.unit) * float(band.high)
+    measured = experiments(scene, [], scene.model.measurement)
+    step, channels = measured[0].measurement.step, measured[0].measurement.channels
+    names, signs = zip(*(_dof(channel.dof) for channel in channels), strict=True)
+    if len(set(names)) < len(names):
+        raise UsageError(_TWICE, remedy="List one of them.", names=("measurement.channels",))
+    if high * step >= np.pi:
+        nyquist = np.pi / (step * angular_factor(band.unit))
+        raise UsageError(
+            f"the band ends above half the sampling rate, {nyquist:.6g} {band.unit}", names=("band",)
+        )
+    for number, (_, measurement) in enumerate(measured, 1):
+        if measurement.step != step or measurement.channels != channels:
+            raise UsageError(
+                f"record {number} has another step or other channels than the first",
+                remedy="Responses to ambient excitation have a scale of their own in each set-up: analyse "
+                "them apart.",
+                names=("measurement.records",),
+            )
+        _check_complete(np.asarray(measurement.source), number)
+    factor = max(1, int(_DECIMATED_BAND * 2 * np.pi / (high * step)))
+    if factor > 1:
+        measured = [prepare(experiment, [Decimate(factor)]) for experiment in measured]
+
+    def instrument(s: complex) -> ComplexArray:
+        at = np.array([s])
+        factors = (
+            sign * _instrument(channel, at)[0] * s**channel.order
+            for channel, sign in zip(channels, signs, strict=True)
+        )
+        return np.array([*factors])
+
+    return _Outputs(
+        [np.asarray(experiment.measurement.source) for experiment in measured],
+        step * factor,
+        list(names),
+        instrument,
+        factor,
+        tuple(note for experiment in measured for note in experiment.measurement.notes),
+    )
+
+
+def _check_complete(values: Array, number: int) -> None:
+    """Refuse a record with missing samples."""
+    if np.isnan(values).any():
+        raise UsageError(
+            f"record {number} has missing samples, which spectra and correlations would spread",
+            remedy="Take a stretch without any.",
+            names=("measurement.records", "measurement"),
+        )
 
 
 def _modal_test(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
@@ -111,7 +199,7 @@ def _matrix_of(scene: Scene[ModalAnalysisScene], measured: FrfMeasurement) -> _M
     for column, (frf, (o, i, sign)) in enumerate(zip(measured.channels, at, strict=True)):
         power = (1j * omega + window_rate(scene)) ** frf.channel.order
         powers[:, o] = power
-        factor = sign * power * _instrument(frf.channel, omega)
+        factor = sign * power * _instrument(frf.channel, 1j * omega)
         matrix[:, o, i] = values[:, column] / factor
         noise[:, o, i] = deviation[:, column] / np.abs(factor)
         scale[o, i] = known[column]
@@ -130,7 +218,6 @@ def _test_of_records(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
     """
     from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
     from dynid.modal.spectra import TimeRecord, spectra_of_records
-    from dynid.scene.kinds.measurements import experiments
 
     model = scene.model
     records, sensors = list[TimeRecord](), dict[tuple[str, str], Frf]()
@@ -143,12 +230,7 @@ def _test_of_records(scene: Scene[ModalAnalysisScene]) -> _ModalTest:
         values = np.asarray(measurement.source) - [float(channel.offset) for channel in measurement.channels]
         if loads[0].signal.kind == "impulse":
             values[0] /= 2  # the mean of both sides of a jump
-        if np.isnan(values).any():
-            raise UsageError(
-                f"record {number} has missing samples, which spectra would spread",
-                remedy="Take a stretch without any.",
-                names=("measurement.records", "measurement"),
-            )
+        _check_complete(values, number)
         references = [str(load.dof) for load in loads]
         records.append(TimeRecord(f"record {number}", forces, values, names, references, measurement.step))
     exponential, segment = (
@@ -246,7 +328,7 @@ def _pairs(measured: FrfMeasurement) -> tuple[list[str], list[str], list[tuple[i
     at = [(responses.index(o), references.index(i), a * b) for (o, a), (i, b) in ends]
     if len({pair[:2] for pair in at}) < len(at):
         raise UsageError(
-            "a response is measured twice: by two quantities, or in two directions of one DOF",
+            _TWICE,
             remedy="List one of them.",
             names=("measurement.channels",),
         )
@@ -271,15 +353,20 @@ def _dof(label: Label) -> tuple[str, float]:
     return str(name).replace(":+", ":"), 1.0 if name == label or ":+" in str(label) else -1.0
 
 
-def _instrument(channel: Any, omega: Array) -> ComplexArray:
-    """Return the response of a channel's gain and delay."""
-    return np.asarray(float(channel.gain) * np.exp(-1j * omega * float(channel.delay)))
+def _instrument(channel: Any, s: ComplexArray) -> ComplexArray:
+    """Return the response of a channel's gain, delay and filters at complex frequencies (1/s)."""
+    response = float(channel.gain) * np.exp(-s * float(channel.delay))
+    for item in channel.filters:
+        response = response * item.response(-1j * s, float(item.frequency))[0]
+    return np.asarray(response)
 
 
 def explain(scene: Scene[ModalAnalysisScene]) -> Explanation:
     """Return the explanation of a scene of kind `modal-analysis`, whose measurement is read."""
     result = Result("modal-analysis", scene.title)
     try:
+        if scene.model.output_only:
+            return Explanation(result, _facts_of_outputs(_outputs(scene)))
         test = _modal_test(scene)
     except (NumericalError, UsageError) as error:
         return Explanation(result, [], obstacle=error)
@@ -298,6 +385,17 @@ def explain(scene: Scene[ModalAnalysisScene]) -> Explanation:
         *(Fact("warning", note) for note in test.notes),
     ]
     return Explanation(result, facts)
+
+
+def _facts_of_outputs(outputs: _Outputs) -> list[Fact]:
+    samples = sum(map(len, outputs.records))
+    kept = f", every {outputs.factor}. sample of the records" if outputs.factor > 1 else ""
+    return [
+        Fact("responses", f"{counted(len(outputs.channels), 'response')} to ambient excitation"),
+        Fact("samples", f"{samples}, {outputs.step:.4g} s apart{kept}"),
+        Fact("scale", "largest entry 1: the excitation is not measured"),
+        *(Fact("warning", note) for note in outputs.notes),
+    ]
 
 
 def _scale(driving_points: list[tuple[int, int]], *, real: bool) -> str:

@@ -267,7 +267,8 @@ LAYOUT: dict[str, str] = {
     # Modal analyses.
     "modal": (
         "mode channel reference frequency frequency_standard_error damping damping_standard_error shape "
-        "shape_standard_error complexity warning warnings noise reciprocal"
+        "shape_standard_error complexity warning warnings noise reciprocal order periods harmonic harmonics "
+        "block_rows"
     ),
     "modal/covariance": "common value factor by_channel channel_value root",
     "modal/chart": "point order chain pole",

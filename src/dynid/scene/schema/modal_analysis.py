@@ -1,4 +1,4 @@
-"""Scenes of kind `modal-analysis`: frequency responses or records with excitation, and a band."""
+"""Scenes of kind `modal-analysis`: frequency responses, or records with or without excitation, and a band."""
 
 from __future__ import annotations
 
@@ -36,7 +36,10 @@ class ModalOptionsModel(Section):
 
 
 class ModalAnalysisScene(SceneModel):
-    """Modes, with their covariance, from measured frequency responses or from records with excitation."""
+    """Modes, with their covariance, from measured frequency responses or from records of time.
+
+    Records without `excitation` are responses to ambient excitation.
+    """
 
     kind: Literal["modal-analysis"]
     excitation: Signals = []
@@ -45,6 +48,17 @@ class ModalAnalysisScene(SceneModel):
     exponential: Positive | None = None
     segment: Positive | None = None
     modes: ModalOptionsModel = Field(default_factory=ModalOptionsModel)
+
+    @property
+    def output_only(self) -> bool:
+        """True of records without excitation."""
+        return self.measurement.frf is None and not self.excitation and not self._excited
+
+    @property
+    def _excited(self) -> list[bool]:
+        """Of each record with an excitation of its own True; empty where none has one."""
+        excited = [bool(record.excitation) for record in self.measurement.each]
+        return excited if any(excited) else []
 
     @model_validator(mode="after")
     def _is_measured(self) -> Self:
@@ -66,8 +80,17 @@ class ModalAnalysisScene(SceneModel):
             yield ("measurement", AT_KEY), _NO_MODEL
         if frf is not None and self.segment is not None:
             yield ("segment", AT_KEY), "a 'segment' is of records of time; leave it out"
-        if frf is None and not all(record.excitation or self.excitation for record in measurement.each):
-            yield ("measurement", AT_KEY), _OUTPUT_ONLY
+        if frf is None and not self.excitation and not all(self._excited):
+            yield ("measurement", AT_KEY), _MIXED
+        if self.output_only:
+            yield from self._output_faults()
+
+    def _output_faults(self) -> Iterator[Located]:
+        for key, what in (("exponential", "windows impacts"), ("segment", "is of records with forces")):
+            if getattr(self, key) is not None:
+                yield (key, AT_KEY), f"'{key}' {what}, and these have no 'excitation'; leave it out"
+        if "modes" in self.model_fields_set:
+            yield ("modes", AT_KEY), "modes of responses alone are complex and of no scale; leave 'modes' out"
 
     def _channel_faults(self) -> Iterator[Located]:
         for path, channel in sections(self, ChannelModel):
@@ -77,5 +100,5 @@ class ModalAnalysisScene(SceneModel):
                 yield (*path, "dofs", AT_KEY), "a shape has one DOF a channel; write 'dof'"
 
 
-_OUTPUT_ONLY = "modes of responses alone are not available; record the force, and give it as 'excitation'"
+_MIXED = "some records have an 'excitation' and others none; analyse them apart"
 _NO_MODEL = "there is no model to simulate; read the measurement from a 'file'"
