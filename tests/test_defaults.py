@@ -78,6 +78,7 @@ def choosing(path):
                 yield name.id
 
 
+@pytest.mark.thorough
 def test_what_chooses_a_way_stands_in_the_registry():
     root = Path(dynid.__file__).parent
     found = {

@@ -53,6 +53,7 @@ REPLAYED = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", REPLAYED)
 def test_a_page_says_what_is_printed(name, tmp_path, warm):
     for extra in ("pyuff", "nptdms"):
@@ -147,6 +148,7 @@ def test_the_python_of_the_readme_runs(tmp_path, monkeypatch):
     assert np.allclose(names["zeros"], [-70.71067811865476j, 70.71067811865476j], rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_readme_says_what_is_printed(tmp_path, warm):
     (tmp_path / "configs").symlink_to(ROOT / "configs")
     session, shown = (
@@ -160,6 +162,7 @@ def test_the_readme_says_what_is_printed(tmp_path, warm):
             assert replay.matches(printed, said), f"$ {command}\n{said}"
 
 
+@pytest.mark.thorough
 def test_the_commands_of_the_readme_run_as_printed_in_a_new_folder(tmp_path, warm):
     block = re.search(r"^## Your own system\n\n```sh\n(.*?)```", README, re.DOTALL | re.MULTILINE)
     session = replay.Session(tmp_path, warm.clients)

@@ -26,6 +26,7 @@ def full():
     return run(model(), simulated(0.05))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("c3", "preferred"), [(20.0, "first"), (22.0, "second")])
 def test_the_smaller_model_is_preferred_where_it_is_right(full, c3, preferred):
     truth = model()

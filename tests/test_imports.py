@@ -51,6 +51,7 @@ def test_help_loads_no_library_but_click(tmp_path, args):
     assert loaded_by(tmp_path, *args) & heavy == set()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scene", ["isolator", "suspension"])
 def test_checking_a_scene_loads_no_solver(tmp_path, scene):
     """Arrays and exact numbers at most: structures are built, and the rank of a graph is tested."""
@@ -58,12 +59,14 @@ def test_checking_a_scene_loads_no_solver(tmp_path, scene):
     assert loaded_by(tmp_path, "check", str(CONFIGS / f"{scene}.yaml")) & heavy == set()
 
 
+@pytest.mark.thorough
 def test_running_the_isolator_loads_no_symbols_and_no_figures(tmp_path):
     loaded = loaded_by(tmp_path, "run", str(CONFIGS / "isolator.yaml"))
     assert {"numpy", "h5py", "pydantic"} <= loaded
     assert loaded & {"sympy", "matplotlib", "numba", "control", "rich", "xarray"} == set()
 
 
+@pytest.mark.thorough
 def test_a_short_record_loads_no_compiler(tmp_path):
     loaded = loaded_by(tmp_path, "run", str(CONFIGS / "suspension_noisy.yaml"))
     assert "numpy" in loaded

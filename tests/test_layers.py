@@ -133,6 +133,7 @@ def layer_of(package):
     return next((number for number, layer in enumerate(LAYERS) if package in layer), None)
 
 
+@pytest.mark.thorough
 def test_every_package_has_its_layer():
     assert {package_of(module) for module in modules()} <= set().union(*LAYERS)
 

@@ -72,6 +72,7 @@ def graph_scene(types, values, bonds, inputs, output, results):
     }
 
 
+@pytest.mark.thorough
 def test_a_graph_says_what_was_left_out_of_it():
     ran = dropped = 0
     for seed in range(60):

@@ -86,6 +86,7 @@ def scenes(tmp_path):
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_runs_studies_and_reports_need_nothing_that_windows_lacks(scenes):
     done = windows(scenes, "run", "scene.yaml", "--report", "scene.html")
     assert (done.returncode, done.stderr) == (0, b"")

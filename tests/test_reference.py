@@ -27,6 +27,7 @@ def scenes(reference):
     return Reference(reference.marked_parts())
 
 
+@pytest.mark.thorough
 def test_pages_of_scenes_python_and_topics_are_current(reference):
     assert reference.outdated(reference.pages(("python", "scene parts"))) == []
 
@@ -67,6 +68,7 @@ def test_a_part_of_another_page_is_linked_there(scenes):
     assert "| `frequency` | [mapping](index.md#FrequencyGrid) |" in text
 
 
+@pytest.mark.thorough
 def test_a_part_that_does_not_exist_or_is_not_shown_is_an_error(scenes):
     with pytest.raises(ValueError, match="no part of a scene is called Nothing"):
         type(scenes)({"page.md": ["Nothing"]})

@@ -19,6 +19,8 @@ from dynid.result import Result
 from dynid.scene.run import run_scene
 from dynid.store import read_result, write_result
 
+pytestmark = pytest.mark.thorough
+
 ROOT = Path(__file__).parents[1]
 CONFIGS, TEMPLATES = ROOT / "configs", ROOT / "src/dynid/templates"
 #: Both engines and a port; identification by Kalman filter and by responses, noise, drawn starts, a model

@@ -8,6 +8,8 @@ import pytest
 import dynid
 from dynid.checks import check_expectations
 
+pytestmark = pytest.mark.thorough
+
 ROOT = Path(__file__).parents[1]
 TEMPLATES = set((ROOT / "src/dynid/templates").glob("*.yaml")) - {ROOT / "src/dynid/templates/study.yaml"}
 SCENES = sorted([*(ROOT / "configs").glob("*.yaml"), *TEMPLATES])

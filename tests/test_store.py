@@ -87,6 +87,7 @@ def test_xarray_finds_coordinates_units_and_complex_values(tmp_path):
         assert dataset["omega"].attrs["units"] == "rad/s"
 
 
+@pytest.mark.thorough
 def test_one_axis_may_serve_thousands_of_arrays(tmp_path):
     result = Result("k")
     result.add_axis("time", [0.0, 1.0])
@@ -274,6 +275,7 @@ def test_a_result_may_have_lost_its_scene(tmp_path):
     assert found[f"{RESPONSE}/omega"].equals(make()[f"{RESPONSE}/omega"])
 
 
+@pytest.mark.thorough
 def test_a_truncated_file_is_told(tmp_path):
     write_result(make(), tmp_path / "r.h5")
     content = (tmp_path / "r.h5").read_bytes()

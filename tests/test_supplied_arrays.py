@@ -75,6 +75,7 @@ def outcome(*arguments):
     return {path: repr(a.tolist()) if a.dtype.kind == "O" else a.tobytes() for path, a in arrays.items()}
 
 
+@pytest.mark.thorough
 def test_columns_are_those_of_the_file(written, columns, tmp_path):
     scene = written(RECORD)
     rows = zip(*(values.tolist() for values in columns.values()), strict=True)

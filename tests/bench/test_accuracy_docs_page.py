@@ -30,6 +30,7 @@ def page(result, tmp_path_factory):
     return result, folder
 
 
+@pytest.mark.thorough
 def test_it_holds_every_figure_and_a_plot(page):
     result, folder = page
     text = (folder / "accuracy.md").read_text(encoding="utf-8")

@@ -119,6 +119,7 @@ def _slow(each):
     return [pytest.mark.slow] * (each[1] in SLOW or each in REPEATED)
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore")  # what peers say of their own work
 @pytest.mark.parametrize(
     ("name", "alternative"),
@@ -259,6 +260,7 @@ def test_a_peer_may_live_in_another_interpreter(tmp_path, monkeypatch):
     assert "surely_not_installed not installed" in replace(peer).missing()
 
 
+@pytest.mark.thorough
 def test_the_command_measures_writes_and_shows(tmp_path):
     runner, file, html = CliRunner(), tmp_path / "b.h5", tmp_path / "b.html"
     arguments = ["bench", "loops", "--size", "loops=2", "-o", str(file), "--report", str(html)]

@@ -21,6 +21,8 @@ from dynid.scene.schema.base import ASPECTS, AccuracyModel, aspects_of
 from dynid.scene.yaml.source import parse_source
 from dynid.store import read_result, write_result
 
+pytestmark = pytest.mark.thorough
+
 MASS = {
     "dynid": 1,
     "kind": "bond-graph",

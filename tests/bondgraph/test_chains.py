@@ -59,6 +59,7 @@ def test_distinct_stages_differ_and_stay_within_a_quarter():
         assert all(Fraction(3, 4) <= stage[place] / value <= Fraction(5, 4) for stage in stages)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("make", [uniform, distinct])
 def test_a_plan_grows_with_the_number_of_stages_alone(make):
     """Operations per stage stay the same from 50 stages to 1600."""

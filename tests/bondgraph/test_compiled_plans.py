@@ -116,6 +116,7 @@ def test_the_library_writes_the_same_program(monkeypatch, block):
     assert compiled >= 10
 
 
+@pytest.mark.thorough
 def test_a_long_chain_has_the_same_program_and_the_exact_response(monkeypatch):
     one = reduced(2000)
     monkeypatch.setenv(VARIABLE, "0")

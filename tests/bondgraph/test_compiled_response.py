@@ -81,6 +81,7 @@ def test_flagged_points_are_computed_again(seed):
         assert_exact(graph, [0.25, 1.0, 2.0, 3.3], tolerance=4.5e-16)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stages", [uniform(300), distinct(300)])
 def test_a_long_chain_is_right_to_the_last_bits(stages):
     omega = np.geomspace(0.01, 100, 20)
@@ -267,6 +268,7 @@ def test_numpy_gives_what_the_library_gives(monkeypatch, make, seed):
     assert (np.abs(plain - found)[sharp] <= size[sharp]).all()
 
 
+@pytest.mark.thorough
 def test_a_long_chain_without_the_library(monkeypatch):
     monkeypatch.setenv(VARIABLE, "0")
     omega, stages = np.geomspace(0.01, 100, 20), distinct(300)

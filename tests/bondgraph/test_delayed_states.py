@@ -138,6 +138,7 @@ control:
 """
 
 
+@pytest.mark.thorough
 def test_channels_that_are_unstable_or_vanish_say_so():
     """x' = -x - 0.5 x(t - 1) + u is stable, x' = 3 (w - x)(t - 1) is not, and neither acts on the other."""
     result = dynid.run(scene(APART))
@@ -161,6 +162,7 @@ def test_channels_that_are_unstable_or_vanish_say_so():
     assert result.value("bond_graph/properties/m.f/u/rise_time") > 0
 
 
+@pytest.mark.thorough
 def test_a_graph_that_is_open_without_its_loops_keeps_approximants(monkeypatch):
     def singular(*_):
         raise Singular("no unique solution")
@@ -172,6 +174,7 @@ def test_a_graph_that_is_open_without_its_loops_keeps_approximants(monkeypatch):
     assert status == "not computed: no unique solution"
 
 
+@pytest.mark.thorough
 def test_the_phase_is_left_out_where_it_takes_too_many_frequencies():
     more = "[properties, frequency_response], frequency: {start: 1, stop: 1.0e6, points: 3}"
     result = dynid.run(scene(APART.replace("[properties, poles, step_info]", more)))

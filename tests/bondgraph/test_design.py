@@ -88,6 +88,7 @@ def compliance(f, z, omega, mu=0.1):
     return (mu * s**2 + strut) / ((s**2 + 1 + strut) * (mu * s**2 + strut) - strut**2)
 
 
+@pytest.mark.thorough
 def test_no_point_of_a_grid_has_a_lower_peak_in_a_band():
     found = designed([Criterion("peak", X, "F", 0.5, 0.9)], starts=4)
     omega = np.linspace(0.5, 0.9, 4001)
@@ -266,6 +267,7 @@ def test_a_norm_without_a_minimum_is_refused():
     assert error.value.names[0] == "design.free.c"
 
 
+@pytest.mark.thorough
 def test_a_peak_in_a_band_needs_no_stability_outside_of_it():
     c = Parameter("c", 0.1, low=0.01, high=1.0)
     speed = Port("J1", "f")

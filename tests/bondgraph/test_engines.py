@@ -216,6 +216,7 @@ def test_roots_that_eigenvalues_do_not_separate_are_certified_or_named(values, d
     assert "cannot determine" in said["engine_reason"]
 
 
+@pytest.mark.thorough
 @settings(deadline=None)
 @given(
     masses=st.lists(st.fractions("1/9", 9, max_denominator=40), min_size=1, max_size=3),
@@ -262,6 +263,7 @@ def undecided_graphs(seeds):
     return undecided
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("first", [0, pytest.param(150, marks=pytest.mark.slow)])
 def test_random_graphs_of_small_numbers_are_decided(first):
     assert undecided_graphs(range(first, first + 150)) == []

@@ -13,6 +13,8 @@ from tests.bondgraph.random_graphs import random_graph
 from tests.bondgraph.tableau import transfer_at
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 S = Fraction(987654321, 1234577)
 
 

@@ -24,6 +24,8 @@ from tests.bondgraph.random_graphs import coincident_graph, driven_ring, random_
 from tests.bondgraph.tableau import determinant_at, transfer_at
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 BRIDGE = (
     "Sf F, 0 a, 1 p, 1 q, 0 b, 0 d, 1 w, R Rp 2, R Rq 3, R Rw 5, C Cb 1/10, I Ld 7/10",
     "F -> a, a -> p -> b, a -> q -> d, b -> w -> d, p -> Rp, q -> Rq, w -> Rw, b -> Cb, d -> Ld",

@@ -117,6 +117,7 @@ def bond_by_tableau(types, values, bonds, inputs, place, quantity):
     return transfer_at(more, {**values, "gauge0": Fraction(1)}, split, inputs, ("meter", quantity), S)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("make", [random_graph, coincident_graph])
 @pytest.mark.parametrize("first", sample(range(90_000, 90_060, 30), 1))
 def test_both_sides_and_the_port_agree_with_the_tableau(make, first):
@@ -131,6 +132,7 @@ def test_both_sides_and_the_port_agree_with_the_tableau(make, first):
     assert seen > 20
 
 
+@pytest.mark.thorough
 def test_the_published_graphs_decompose_at_every_bond():
     seen = 0
     for file in PUBLISHED:

@@ -19,6 +19,8 @@ from tests.bondgraph.modular_tableau import PRIME, solve, transfer
 from tests.bondgraph.random_graphs import coincident_graph, ill_posed_graph, random_graph
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 RESULTS = frozenset({"transfer_function", "zeros", "poles", "properties"})
 ANSWERED, WARNED, CONTRADICTORY, OPEN = "answered", "answered with a warning", "contradictory", "undetermined"
 

@@ -11,6 +11,8 @@ from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 LINE = """\
 dynid: 1
 kind: bond-graph

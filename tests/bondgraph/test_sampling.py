@@ -72,6 +72,7 @@ def compared(graph, analysis, samples, *, skip=ALONE):
     return answered
 
 
+@pytest.mark.thorough
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 5), st.integers(0, 2))
 def test_samples_of_a_random_graph(seed, junctions, loops):
@@ -91,6 +92,7 @@ def test_samples_of_a_random_graph(seed, junctions, loops):
         compared(graph, analysis, samples)
 
 
+@pytest.mark.thorough
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 4))
 def test_samples_full_of_coincidences(seed, junctions):

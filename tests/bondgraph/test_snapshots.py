@@ -126,6 +126,7 @@ def test_every_step_on_random_graphs_keeps_the_transfer_function(first):
     assert checked(cases()) == set(OPERATION)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("first", sample(range(80_000, 80_200, 50), 1))
 def test_every_step_on_graphs_full_of_coincidences_keeps_the_transfer_function(first):
     def cases():

@@ -203,6 +203,7 @@ def test_a_compliance_on_an_effort_source_answers_with_the_derivative():
     assert np.abs(found - 30 * np.cos(5 * TIMES)).max() <= 1e-13 * 30
 
 
+@pytest.mark.thorough
 def test_step_responses_of_random_graphs():
     times = np.linspace(0, 4, 9)
     checked = 0

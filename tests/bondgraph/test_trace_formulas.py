@@ -197,6 +197,7 @@ def graphs(first, count):
             yield random_graph(rng, rng.randint(2, 7), rng.choice([0, 1, 2, 3])), rng
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("first", sample(range(500_000, 500_160, 40), 1))
 def test_every_formula_of_a_trace_is_true_unique_and_in_lowest_terms(first):
     counts = [check(*made) for made in graphs(first, 40)]

@@ -14,6 +14,8 @@ from tests.bondgraph.graphs import at, build, reduced, transfers
 from tests.bondgraph.random_graphs import random_graph
 from tests.bondgraph.tableau import transfers_at
 
+pytestmark = pytest.mark.thorough
+
 S = Fraction(987654321, 1234577)
 
 

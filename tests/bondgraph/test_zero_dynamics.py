@@ -84,6 +84,7 @@ def test_an_input_that_is_differentiated_holds_the_output_by_standing_still():
     assert (inside.states, inside.A.tolist(), inside.C.tolist()) == (("c.e",), [[0]], [[1]])
 
 
+@pytest.mark.thorough
 def test_a_chain_has_one_small_block_for_every_zero():
     graph = through(500)
     parts = zero_parts(graph, only_port(graph), "F")

@@ -1,6 +1,10 @@
 """`dynid run --accuracy`."""
 
+import pytest
+
 from dynid.store import read_result
+
+pytestmark = pytest.mark.thorough
 
 
 def test_a_run_shows_what_else_could_have_been_chosen(folder, dynid):

@@ -289,6 +289,7 @@ def test_the_schema_keeps_to_draft_7_which_editors_know(dynid):
     assert set(_keywords(json.loads(dynid("schema")[1]))) <= _KEYWORDS
 
 
+@pytest.mark.thorough
 def test_a_new_scene_names_the_schema_that_is_written_with_it(dynid, folder):
     code, out, _ = dynid("new", "reduction")
     assert (code, len(out.splitlines())) == (0, 2)

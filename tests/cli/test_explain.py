@@ -136,6 +136,7 @@ measurement: {step: 0.05, samples: 200, channels: [{dof: 1, quantity: velocity}]
 """
 
 
+@pytest.mark.thorough
 def test_what_a_record_cannot_see_is_named_and_is_what_the_run_says(dynid, folder):
     (folder / "deaf.yaml").write_text(DEAF)
     code, out, err = dynid("check", "--explain", "deaf.yaml")
@@ -400,6 +401,7 @@ collect: [bond_graph/transfer_function]
 """
 
 
+@pytest.mark.thorough
 def test_a_study_counts_what_is_left_and_says_why_samples_run_alone(dynid, folder):
     (folder / "one.yaml").write_text(OSCILLATOR)
     (folder / "s.yaml").write_text(STUDY)

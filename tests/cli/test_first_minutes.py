@@ -165,6 +165,7 @@ def test_json_writes_what_it_has_no_numbers_for():
     assert document["warnings"] == ["careful"]
 
 
+@pytest.mark.thorough
 def test_the_tour_runs_and_leaves_its_files(dynid, tmp_path, monkeypatch):
     monkeypatch.setattr("dynid.study.executors.make_executor", lambda *_: SerialExecutor())
     target = tmp_path / "tour"

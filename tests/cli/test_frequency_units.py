@@ -67,6 +67,7 @@ def test_roots_of_a_scene_in_radians_stand_alone(dynid, folder):
     assert "f_n" not in page
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("unit", "other"), [("Hz", "rad/s"), ("rad/s", "Hz")])
 def test_a_plan_is_in_the_unit_of_its_scene(dynid, folder, unit, other):
     (folder / "a.yaml").write_text(RECORD.replace("UNIT", unit))
@@ -80,6 +81,7 @@ def test_a_plan_is_in_the_unit_of_its_scene(dynid, folder, unit, other):
     assert re.search(rf"^ +(DOF 2 at [0-9.]+ {unit})", out, re.MULTILINE)[1] in text
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("unit", "expected"), [("Hz", "excited up to 15 Hz"), ("rad/s", "up to 15 rad/s")])
 def test_what_is_explained_is_in_the_unit_of_the_scene(dynid, folder, unit, expected):
     (folder / "a.yaml").write_text(RECORD.replace("UNIT", unit))

@@ -9,6 +9,8 @@ from dynid.scene.load import check_source
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 #: Its closed loop is s^3 + 500.1 s^2 + 1050 s + 10^4 C: stable up to C = 52.51 (Routh).
 SERVO = """
 dynid: 1

@@ -33,6 +33,7 @@ def write(text):
     return "s.yaml"
 
 
+@pytest.mark.thorough
 def test_a_plan_is_a_screen_and_on_request_a_file(dynid, folder):
     code, out, err = dynid("plan", write(SCENE))
     assert (code, err) == (0, "")
@@ -78,6 +79,7 @@ def test_a_scene_says_what_to_look_for(dynid):
     assert np.all((omega >= 4 * np.pi) & (omega <= 16 * np.pi))
 
 
+@pytest.mark.thorough
 def test_a_run_tells_its_identifiability_where_asked(dynid):
     assert dynid("run", write(SCENE))[0] == 0
     assert not [path for path in read_result("s.h5") if "identifiability" in path]
@@ -92,6 +94,7 @@ def test_a_run_tells_its_identifiability_where_asked(dynid):
     )
 
 
+@pytest.mark.thorough
 def test_joints_side_by_side_are_named_with_what_is_seen_of_them(dynid):
     text = SCENE.replace("joints:\n", "joints:\n  i: {dofs: [1, 2], k: {start: 500, true: 900}}\n")
     code, out, _ = dynid("plan", write(text))

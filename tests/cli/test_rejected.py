@@ -9,6 +9,8 @@ import dynid as package
 from dynid.errors import Diverged, UsageError
 from tests.identification.test_delays import Rig
 
+pytestmark = pytest.mark.thorough
+
 PATH = "identification/parameters/estimate"
 WRONG = ("--set", "structure.lumped.masses.2=9")
 

@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import h5py
 import pytest
 
+pytestmark = pytest.mark.thorough
+
 GRAPH = """\
 dynid: 1
 kind: bond-graph

@@ -104,6 +104,7 @@ def test_each_response_is_printed_drawn_expected_and_compared():
 LAW = GRAPH.replace(f"type: R, value: {DAMPING}", 'type: R, law: {e: "1.5*f + 0.1*f**3"}')
 
 
+@pytest.mark.thorough
 def test_nonlinear_responses_are_those_to_each_source_alone():
     together = run(LAW)
     assert together[f"{TIME}/nonlinear"].dims == ("time", "output", "source")

@@ -4,6 +4,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+pytestmark = pytest.mark.thorough
+
 STUDY = """\
 dynid: 1
 kind: study

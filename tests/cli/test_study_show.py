@@ -97,6 +97,7 @@ def wide(tmp_path):
     return tmp_path / "s.h5"
 
 
+@pytest.mark.thorough
 def test_what_varies_is_listed_in_the_order_of_collect_with_units(dynid, wide):
     _, out, _ = dynid("show", wide)
     lines = [" ".join(line.split()) for line in out.splitlines()]
@@ -126,6 +127,7 @@ def test_statistics_fit_a_terminal_of_80_columns_with_the_extremes_first(dynid, 
     assert sum(line.startswith("    p/margins/zeta [dB]  ") for line in lines) == 2  # blocks of columns
 
 
+@pytest.mark.thorough
 def test_a_table_has_the_columns_of_collect_in_their_order(dynid, wide):
     assert dynid("export", wide, "--csv", "-o", wide.with_suffix(".csv"))[0] == 0
     head = wide.with_suffix(".csv").read_text().splitlines()[0].split(",")

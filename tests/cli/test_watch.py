@@ -218,6 +218,7 @@ def test_what_makes_no_sense_is_refused(dynid, args, code, message):
     assert message in err
 
 
+@pytest.mark.thorough
 def test_a_saved_scene_is_run_again_and_ctrl_c_ends_it(folder):
     command = [sys.executable, "-m", "dynid", "watch", "small.yaml", "--no-browser"]
     watch = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder)

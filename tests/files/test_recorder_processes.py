@@ -7,6 +7,8 @@ from dynid.errors import FileError
 from tests.files import recorder_files
 from tests.files.reading import read_columns
 
+pytestmark = pytest.mark.thorough
+
 
 def test_a_damaged_mf4_file_is_refused_and_a_sound_one_is_read(tmp_path):
     values = np.sin(np.arange(50.0))

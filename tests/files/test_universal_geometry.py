@@ -173,6 +173,7 @@ def damaged(whole, seed):
     return text
 
 
+@pytest.mark.thorough
 def test_damaged_files_are_refused_or_read(tmp_path):
     """No other error, and no warning, leaves the readers."""
     whole = written(

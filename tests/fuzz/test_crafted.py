@@ -18,6 +18,8 @@ from dynid.study.run import run_study
 from tests.report.pages import result_of
 from tests.study.small import STUDY, planned
 
+pytestmark = pytest.mark.thorough
+
 ESCAPE = "\x1b[2J\x1b]0;title\x07\x9b31m\u202e"
 KINDS = ["bond-graph", "identification", "reduction", "bench", "study"]
 

@@ -16,6 +16,7 @@ BASES = bases()
 COUNT = 600
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("part", sample(range(6), 1))
 def test_a_spoiled_scene_is_refused_with_its_places_or_is_valid(tmp_path, part):
     sandbox = Sandbox(tmp_path)

@@ -16,6 +16,7 @@ def _marked(case):
     return pytest.param(case, id=case.name.replace(" ", "_"), marks=marks)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", [_marked(case) for case in CASES])
 def test_it_meets_its_bound_or_is_refused_with_a_remedy(case):
     if case.refused:

@@ -23,6 +23,8 @@ from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel
 from tests.identification.cases import diagnostic, parameter
 
+pytestmark = pytest.mark.thorough
+
 LINES = np.linspace(20, 400, 120)
 FUNCTIONS = tuple(Frf(Channel(dof, "acceleration"), "w_31") for dof in ("w_16", "w_31"))
 TRUE = {"EI": 1.7e3, "rhoA": 0.4, "k": 3e3, "tip": 0.5}

@@ -11,6 +11,8 @@ import pytest
 
 from dynid.structure.labels import DIRECTIONS
 
+pytestmark = pytest.mark.thorough
+
 SCRIPT = Path(__file__).parents[2] / "docs/bolted_blocks.py"
 
 

@@ -34,6 +34,8 @@ from dynid.structure.ports import Channel, Load
 from dynid.structure.reduction.methods import reduce
 from tests.identification.cases import LOADS, parameter, simulated, suspension
 
+pytestmark = pytest.mark.thorough
+
 TRUE = np.array([2.0e4, 20.0, 1.2e4, 9.0])
 ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 

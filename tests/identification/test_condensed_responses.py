@@ -13,6 +13,8 @@ from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel
 
+pytestmark = pytest.mark.thorough
+
 PAIRS = [(0, 0), (1, 0), (0, 1)]
 
 

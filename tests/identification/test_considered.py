@@ -15,6 +15,8 @@ from dynid.parameters import Parameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
 
+pytestmark = pytest.mark.thorough
+
 CHANNELS = (Channel(1, "velocity"), Channel(2, "acceleration"))
 RECORD = Measurement(0.002, 400, CHANNELS, Simulation(0.01, 3))
 LINES = np.linspace(5.0, 150.0, 60)

@@ -7,7 +7,7 @@ from tests.identification import corrupted
 from tests.identification.corrupted import FAULTS, case, cases, outcome, power, response
 from tests.sample import sample
 
-pytestmark = pytest.mark.usefixtures("complete")
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("complete")]
 
 
 def test_the_oracle_obeys_the_equations_of_motion():

@@ -20,6 +20,8 @@ from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
 
+pytestmark = pytest.mark.thorough
+
 LATE = Dependent.parameter("late", 0.0)
 GROUP = "identification/parameters"
 ORDERS = {"displacement": 0, "velocity": 1, "acceleration": 2}

@@ -137,6 +137,7 @@ def test_a_pole_that_may_split_has_the_quantiles_of_samples():
     np.testing.assert_allclose(damping.high, 0.98 * math.exp(WIDTH * math.hypot(0.01, 0.05)), rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_curved_quantity_has_the_quantiles_of_samples():
     """Of k in a posterior 60 % wide, 1 / |k - m w^2| has a pole inside the band."""
     (pair,) = pairs_of([("x", "m")], [("f", "N")])
@@ -284,6 +285,7 @@ measurement:
 """
 
 
+@pytest.mark.thorough
 def test_a_clean_record_has_zeros_of_one_shape_with_and_without_the_library(monkeypatch):
     """Three links with k/c = 400 stand between the force and mass 1, two between it and mass 2."""
     roots = {}

@@ -27,6 +27,8 @@ from tests.identification.cases import (
 )
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 TRUE = np.array([2e4, 20.0, 2e4, 20.0])
 
 

@@ -115,6 +115,7 @@ def test_absurd_values_are_answered_within_their_error_bars_or_refused_in_words(
         assert "\n" not in str(refused)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("poor_starts")
 def test_a_prediction_beside_which_the_record_is_less_than_its_rounding_is_refused():
     """At the start the residual is 1e38 times the record; the best of the optima leaves most of it."""
@@ -151,6 +152,7 @@ def test_a_record_too_large_is_refused_before_any_work(monkeypatch):
     assert caught.value.names == ("samples",)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("poor_starts")
 def test_coloured_residuals_invalidate_the_channel_they_are_in_only():
     """One sensor is mostly white noise, the other reads 15 % of a sine that the model does not know."""

@@ -9,6 +9,8 @@ from tests.identification.maximum_likelihood import Element, Force, Problem, Rec
 from tests.identification.random_structures import Case, suite
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 GROUP = "identification/parameters"
 #: Of seed 0 a local search ends at another optimum than that of the true values.
 SEEDS = (0, 1, 2, 3, 4, 5)

@@ -99,6 +99,7 @@ def test_the_suspension_as_a_graph_gives_what_it_gives_as_a_structure(estimator)
         )
 
 
+@pytest.mark.thorough
 @settings(max_examples=4, deadline=None)
 @given(st.integers(0, 10**6))
 def test_random_chains_give_the_same_as_graphs_and_as_structures(seed):
@@ -144,6 +145,7 @@ def identified(model, outputs, seed, noise=0.02):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", sample(range(4), 1))
 def test_six_values_of_a_motor_are_found_from_starts_far_away(seed):
     names = ("Ra", "L", "Km", "J", "flex", "JL")

@@ -125,6 +125,7 @@ def from_random(made_graph):
     return model.system(loads, [GraphChannel(port(f"{node}.{quantity}"))])
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6))
 def test_random_graphs_have_the_transfers_and_slopes_of_their_tableau(seed):
@@ -295,6 +296,7 @@ LOOP = (
 )
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6))
 def test_an_algebraic_loop_keeps_its_digits_over_twelve_decades(seed):

@@ -24,6 +24,8 @@ from tests.identification.cases import (
     suspension,
 )
 
+pytestmark = pytest.mark.thorough
+
 QUICK = InvariantImbedding(tolerance=1e-3)
 
 

@@ -282,6 +282,7 @@ def searched(name, seed, samples=400):
     return instrument_mistakes(likelihood, [starts(likelihood.unknowns)])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["order 4", "integrator"])
 def test_what_is_not_stated_is_named_from_the_start(name):
     (said,) = searched(name, 1, 300)
@@ -312,6 +313,7 @@ def test_nothing_is_named_in_clean_records():
     assert sum(map(bool, said)) <= 6
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("complete")
 def test_what_is_not_stated_is_named_from_responses():
     model, omega = suspension(), np.linspace(5, 300, 60)

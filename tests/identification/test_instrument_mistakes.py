@@ -24,7 +24,7 @@ from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
 
-pytestmark = pytest.mark.usefixtures("complete")
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("complete")]
 
 STEP, SAMPLES, GRAVITY = 0.02, 300, 9.80665
 CHANNELS = (Channel(1, "acceleration"), Channel(2, "acceleration"), Channel(2, "velocity"))

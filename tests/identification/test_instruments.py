@@ -20,6 +20,8 @@ from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 STEP = 0.002
 PARAMETERS = (
     Parameter("kb", 1e4, 2e4),

@@ -23,6 +23,8 @@ from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 SINES = Multisine([40.0] * 6, [20.0, 55.0, 90.0, 140.0, 190.0, 260.0])
 OPTIMA = "identification/equivalent_optima"
 

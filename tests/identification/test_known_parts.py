@@ -27,6 +27,8 @@ from tests.identification.modal_cases import measured as survey_of
 from tests.identification.test_delays import GROUP, Rig
 from tests.identification.test_proportional_noise import responses
 
+pytestmark = pytest.mark.thorough
+
 CONSIDERED = "identification/considered"
 
 

@@ -11,6 +11,8 @@ from dynid.scene.kinds.identification import run
 from dynid.scene.load import load_scene
 from tests.identification.cases import diagnostic
 
+pytestmark = pytest.mark.thorough
+
 SCENE = """
 dynid: 1
 kind: identification

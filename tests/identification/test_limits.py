@@ -21,6 +21,8 @@ from dynid.structure.lumped import Link, lumped
 from tests.identification.cases import LINKS, MASSES, diagnostic, parameter, run, simulated
 from tests.identification.modal_cases import chain, measured
 
+pytestmark = pytest.mark.thorough
+
 ESTIMATORS = [Auto(), OutputError(), Filter(2), InvariantImbedding(tolerance=1e-3)]
 each = pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda estimator: estimator.name)
 EXACT = Scatter(0.0, 0.0, 0.0)

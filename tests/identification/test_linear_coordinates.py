@@ -21,6 +21,8 @@ from dynid.parameters import Parameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
 
+pytestmark = pytest.mark.thorough
+
 STEP, SAMPLES = 0.02, 250
 AMPLITUDES, FREQUENCIES = [20.0, 15.0], [9.0, 21.0]
 NOISE = np.array([0.02, 0.3, 0.004])

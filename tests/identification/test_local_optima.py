@@ -39,6 +39,8 @@ from tests.identification.random_structures import (
 )
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 #: Seeds of random structures that are quick to judge; of some the first pass ends at a local optimum.
 QUICK = (0, 6, 9, 30, 37, 83, 105)
 

@@ -62,6 +62,7 @@ def as_blocks():
     return bolted(factor(2e4 * SPRING, 0.5, 1.0), factor(10.0 * SPRING, 1.0, 2.0))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kernels", ["0", "1"])
 @pytest.mark.parametrize(
     ("estimator", "samples"),
@@ -171,6 +172,7 @@ def bushing(rank):
     return partial(lumped, (2.0, 1.5, 1.0), links), matrix
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rank", sample([1, 2, 3], 1))
 def test_a_bushing_of_three_dofs_is_found_within_its_bars(rank):
     made, matrix = bushing(rank)

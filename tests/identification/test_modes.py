@@ -195,6 +195,7 @@ def test_scatter_of_zero_is_raised_to_the_floor():
     np.testing.assert_allclose(parameter(result, "estimate"), parameter(other, "estimate"), rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_records_and_modes_add_up():
     """The information of a record and of modes is the sum of both."""
     model = chain(damping=True)
@@ -218,6 +219,7 @@ def test_records_and_modes_add_up():
     assert "modes.frequency" in both["identification/diagnostics/channel"].data
 
 
+@pytest.mark.thorough
 def test_error_of_the_form_is_proposed_only_where_the_scatter_is_contradicted():
     """With the errors that the warning names the fit passes under its own statistical model."""
     model = chain()
@@ -261,6 +263,7 @@ def test_verdict_is_the_chi_squared_test_of_the_weights_of_the_fit(form):
     assert diagnostic(result, "lack_of_fit_p") == pytest.approx(1 - (1 - min(tails)) ** 2, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_leverage_is_what_an_error_of_a_frequency_moves_its_prediction():
     """Each frequency moved by itself; a residual falls short of an error by the root of 1 - h."""
     model, modal = chain(), measured(chain(), seed=4, noise=0.0, floors=KNOWN)
@@ -275,6 +278,7 @@ def test_leverage_is_what_an_error_of_a_frequency_moves_its_prediction():
     assert modes(off, "frequency_studentised")[1] == pytest.approx(6 * np.sqrt(1 - leverage[1]), rel=0.02)
 
 
+@pytest.mark.thorough
 def test_a_wrong_frequency_is_named_and_one_that_cannot_show_is_said():
     """The fourth frequency is off; of two modes for two unknowns the parameters follow both frequencies."""
     modal = measured(chain(), seed=9)
@@ -289,6 +293,7 @@ def test_a_wrong_frequency_is_named_and_one_that_cannot_show_is_said():
     assert f"(leverage), of mode 1 ({100 * leverage[0]:.3g} %), 2 ({100 * leverage[1]:.3g} %)" in said
 
 
+@pytest.mark.thorough
 def test_verdict_on_the_optimum_does_not_depend_on_the_start():
     """Many starts of a chain whose second frequency is off end elsewhere; that is no doubt of its optimum."""
     modal = measured(chain(), seed=12)
@@ -302,6 +307,7 @@ def test_verdict_on_the_optimum_does_not_depend_on_the_start():
     assert np.all(np.ptp(estimates, axis=0) < 0.01 * parameter(results[0], "standard_error"))
 
 
+@pytest.mark.thorough
 def test_priors_count_in_the_verdict_and_are_named_where_they_decide():
     """Means that are 20 % off with 2 %: with wider priors the scatter explains the survey."""
     modal = measured(chain(), seed=3)
@@ -312,6 +318,7 @@ def test_priors_count_in_the_verdict_and_are_named_where_they_decide():
     assert modes(wide, "chi2_degrees") == 4 + 16 - 4 + 2 - 2
 
 
+@pytest.mark.thorough
 def test_estimate_does_not_depend_on_the_start():
     """Far starts lead to wrong pairs; the estimate and the verdict are the same."""
     found = []

@@ -6,6 +6,8 @@ import scipy.linalg as sl
 
 import dynid
 
+pytestmark = pytest.mark.thorough
+
 MASSES = [2.0, 2.0, 1.5, 1.0, 1.0]
 LINKS = [((0,), 2e4, 6.0), ((0, 1), 3e4, 9.0), ((3, 4), 2e4, 6.0)]
 TRUE = {"upper.k": 1.5e4, "upper.c": 12.0, "lower.k": 2.5e4}

@@ -103,6 +103,7 @@ def verdict(result):
     return result.group_attrs["identification/nonlinearity"]["verdict"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["random", "lines"])
 def test_p_values_of_linear_records_are_uniform(kind):
     values = [p_of(fitted(signal := drive(seed, kind), noisy(linear(signal), seed))) for seed in range(12)]
@@ -228,6 +229,7 @@ def _record(model, signal, values):
     return Problem.of(model, Experiment((Load(3, signal),), measured)).likelihood.records[0]
 
 
+@pytest.mark.thorough
 def test_gaps_delays_and_accelerations_keep_the_answer():
     signal = drive(3)
     moved = motion(signal, LAWS["cubic"][0], 1)
@@ -261,6 +263,7 @@ def test_a_record_without_noise_has_no_nonlinear_residual():
     assert verdict(result).startswith("no sign of a nonlinear joint")
 
 
+@pytest.mark.thorough
 def test_records_share_the_forces_of_a_joint():
     experiments = []
     for seed in (1, 2):

@@ -78,6 +78,7 @@ def clipped(level):
     return Measurement(0.002, 800, VELOCITIES, np.clip(clean, -size, size))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("poor_starts")
 def test_a_clipped_record_is_a_warning():
     result = run(measurement=clipped(1.2), loads=LOADS, estimator=OutputError())

@@ -20,6 +20,8 @@ from dynid.structure.lumped import lumped
 from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, run, simulated
 
+pytestmark = pytest.mark.thorough
+
 POSTERIOR = "identification/posterior"
 CHECK = Further(check=True)
 

@@ -12,6 +12,8 @@ from dynid.lti.signals import Sampled
 from dynid.structure.ports import Channel, Load
 from tests.identification.test_delays import Rig, off
 
+pytestmark = pytest.mark.thorough
+
 CHANNELS = (Frf(Channel(1, "acceleration"), 3), Frf(Channel(3, "velocity"), 3))
 
 

@@ -80,6 +80,7 @@ def test_a_rebuilt_basis_costs_its_own_fits_and_no_search_again(monkeypatch):
     assert error.max() < 10
 
 
+@pytest.mark.thorough
 def test_joints_get_residual_vectors_where_neither_these_nor_masters_are_named():
     def coordinates(text):
         result, found = errors(text.replace("samples: 800", "samples: 400"))

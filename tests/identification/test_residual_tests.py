@@ -20,6 +20,8 @@ from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter, unknown
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 CHANNELS = (Channel(1, "acceleration"), Channel(2, "velocity"))
 LOADS = (Load(1, Multisine([20, 15, 25, 10], [40, 95, 130, 210])),)
 

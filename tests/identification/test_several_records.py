@@ -90,6 +90,7 @@ def test_one_free_decay_is_enough():
     assert "identification/measurement/measured" in result
 
 
+@pytest.mark.thorough
 def test_imbedding_takes_one_record_after_the_other():
     result = identify(suspension(0.8), [SHORT, OTHER], InvariantImbedding(tolerance=1e-3))
     assert np.abs(parameter(result, "error_percent")).max() < 10

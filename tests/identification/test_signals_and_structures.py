@@ -189,6 +189,7 @@ def test_unknown_truth_is_nan_and_everything_else_is_not():
         run(lumped(MASSES, LINKS, joints))
 
 
+@pytest.mark.thorough
 def test_noise_instead_of_a_record_is_answered_and_rejected():
     noise = np.random.default_rng(0).standard_normal((800, 2))
     result = run(measurement=Measurement(0.002, 800, VELOCITIES, noise))
@@ -197,6 +198,7 @@ def test_noise_instead_of_a_record_is_answered_and_rejected():
     assert "shows no response" in diagnostic(result, "verdict")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("poor_starts")
 @pytest.mark.parametrize("factor", [1e-6, pytest.param(1e6, marks=pytest.mark.slow)])
 def test_a_record_in_wrong_units_is_refused(factor):
@@ -214,6 +216,7 @@ def test_a_record_in_wrong_units_is_refused(factor):
             run(measurement=record, loads=loads, estimator=Filter(2))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("poor_starts")
 def test_a_wrong_excitation_is_refused():
     y, _ = record_at_ten_seconds()
@@ -266,6 +269,7 @@ def test_measurements_must_make_sense(make):
         make()
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("poor_starts")
 @pytest.mark.parametrize("start", sample([1e-8, 1e14], 1))
 def test_a_filter_that_runs_away_names_the_parameters_it_lost(start):

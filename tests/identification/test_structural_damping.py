@@ -19,6 +19,8 @@ from tests.identification.cases import diagnostic, in_bounds, parameter
 from tests.identification.modal_cases import measured
 from tests.identification.test_modes import slope
 
+pytestmark = pytest.mark.thorough
+
 BAND = (2.0, 60.0)
 CHANNELS = tuple(Frf(Channel(dof, "displacement"), 1) for dof in (3, 7, 12))
 TRUE = {"a": (2e4, 0.08, 3.0), "b": (3e4, 0.03, 2.0)}

@@ -20,6 +20,8 @@ from tests.identification.maximum_likelihood import Record
 from tests.identification.random_structures import case, suite
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 SINES = Multisine([40.0] * 5, [15.0, 40.0, 70.0, 110.0, 160.0])
 #: Random structures with a damper that is lost in the noise.
 LOST = [3037, 3081, 3098]

@@ -23,6 +23,8 @@ from dynid.structure.ports import Channel, Load
 from tests.identification.cases import parameter
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 TRUE = {"EI": 1700.0, "rhoA": 0.1, "m": 0.2, "turn.k": 5e3, "link.k": 1e4, "link.c": 20.0}
 LOADS = [Load("w_4", Multisine([50] * 6, [9, 25, 60, 110, 190, 320]))]
 CHANNELS = {

@@ -17,6 +17,8 @@ from dynid.structure.frame import beam
 from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter
 
+pytestmark = pytest.mark.thorough
+
 TRUE = {"EI": 200.0, "m": 3.0, "g": 1.2}
 START = {"EI": 170.0, "m": 3.4, "g": 1.0}
 DAMPING = ProportionalDamping(0.4, 1e-3)

@@ -13,6 +13,8 @@ from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 ABSENT = 1e-9  # as small a damper as none
 LOADS = [Load(1, Chirp(10.0, 3.0, 40.0, 6.0))]
 CHANNELS = (Channel(1, "velocity"), Channel(2, "velocity"))

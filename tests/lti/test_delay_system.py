@@ -169,6 +169,7 @@ def worst_error(seeds):
     return worst
 
 
+@pytest.mark.thorough
 def test_random_loops_agree_with_cascades_in_ball_arithmetic():
     assert worst_error(range(6)) <= 1e-13
 

@@ -27,6 +27,7 @@ def test_blocks_give_what_single_steps_give(steps, columns, n, seed):
     np.testing.assert_allclose(recurrence(Phi, forcing, start), expected, rtol=0, atol=1e-12 * scale)
 
 
+@pytest.mark.thorough
 @given(steps=st.integers(0, 300), n=st.integers(1, 5), seed=st.integers(0, 99))
 def test_a_free_response_is_read_without_its_states(steps, n, seed):
     rng, Phi = stable(n, seed)

@@ -30,6 +30,7 @@ def assert_same(columns, batch, *, even=False):
         assert [sides[root.value] for root in true] == [root.side for root in true]
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(st.integers(1, 6), st.data())
 def test_roots_are_correctly_rounded(degree, data):

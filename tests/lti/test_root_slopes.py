@@ -90,6 +90,7 @@ def exact_zeros(parts, changes, step):
     return list(mpmath.polyroots([found[k] for k in range(n, -1, -1)], maxsteps=1000, extraprec=400))
 
 
+@pytest.mark.thorough
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 5))
 def test_zeros_and_their_derivatives_are_those_of_the_determinant(seed, n):

@@ -206,6 +206,7 @@ def test_python_control_agrees_where_its_grid_is_fine_enough():
         assert other[name] == pytest.approx(value, rel=3e-3), name
 
 
+@pytest.mark.thorough
 def test_nearly_equal_poles_whose_residues_cancel_are_searched_in_balls():
     """Poles at -1, -1.001, …: residues of 1e18 that cancel; the response is nearly that of a sixfold pole."""
     denominator = fmpz_poly([1])

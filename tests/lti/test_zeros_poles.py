@@ -105,6 +105,7 @@ def test_what_drowns_in_rounding_is_refused():
         zeros_poles(*benchmark("cdplayer")[0], engine="float")
 
 
+@pytest.mark.thorough
 @published
 @pytest.mark.parametrize("reading", ["binary", pytest.param("decimal", marks=pytest.mark.slow)])
 def test_phase_verdicts_of_the_cd_player_name_its_far_zeros(reading):
@@ -161,6 +162,7 @@ def systems(draw):
     return A, B, C, D, E
 
 
+@pytest.mark.thorough
 @settings(max_examples=30, deadline=None)
 @given(systems())
 def test_zeros_are_the_smith_zeros(system):

@@ -165,6 +165,7 @@ def test_a_lack_of_fit_shows_where_the_noise_is_estimated():
     assert analysis.reduced_chi2 == pytest.approx(1, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_a_mode_that_one_reference_cannot_separate_is_added_or_said():
     poles, shapes = modes(close=(3,))
     analysis = analyse(measured(poles, shapes, (0,)), [(0, 0)])
@@ -201,6 +202,7 @@ def test_a_band_of_few_lines_is_refused():
         measured(poles, shapes, (0,), omega=OMEGA[:12])
 
 
+@pytest.mark.thorough
 def test_doubts_are_said():
     from dynid.modal.write_result import add_modes
     from dynid.result import Result

@@ -157,6 +157,7 @@ def several(seed=0, seconds=100.0, mixed=0.0):
     return TimeRecord(f"record {seed}", forces, values, ("a", "b", "c"), ["a", "b"], STEP)
 
 
+@pytest.mark.thorough
 def test_several_forces_at_once_are_separated():
     poles, _ = structure()
     analysis = analysed(spectra_of_records([several(0), several(1)], segment=12.5), ("a", "b"))

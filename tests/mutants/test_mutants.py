@@ -36,6 +36,7 @@ def test_it_makes_these(text):
     assert any(text in ast.unparse(mutated(SOURCE, mutant.number)) for mutant in mutants("m", SOURCE))
 
 
+@pytest.mark.thorough
 def test_a_mutant_is_put_in_wherever_the_function_is_known(tmp_path, monkeypatch):
     path = tmp_path / "grafted.py"
     path.write_text(SOURCE)

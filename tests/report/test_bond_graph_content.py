@@ -198,6 +198,7 @@ def test_another_engine_and_another_reading_say_so():
     )
 
 
+@pytest.mark.thorough
 def test_of_very_many_the_first_are_shown_and_the_others_counted():
     outputs = "m.f, m.e, k.f, k.e, b.f, b.e, c.f, c.e, M.f, M.e, d.f, d.e, m.p, k.q, c.q, M.p"
     result = run(masses().replace("outputs: [m.f, M.f]", f"outputs: [{outputs}]"))
@@ -375,6 +376,7 @@ def test_margins_of_a_loop_without_delay(damping, said):
     assert f" 1 {2 / (2 + damping):.4g} stable{said}" in screen(result)
 
 
+@pytest.mark.thorough
 def test_margins_and_poles_of_a_loop_with_delay():
     """The loop turns by pi where atan(2.5 w) + 0.1 w = pi, and crosses 1 as without the delay."""
     from scipy.optimize import brentq

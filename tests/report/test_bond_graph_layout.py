@@ -61,6 +61,7 @@ def test_the_published_graphs_are_drawn_without_any_overlap(file):
     assert layout.crossings == 0  # all ten are planar
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**9), st.integers(1, 18), st.sampled_from([0, 0, 1, 2, 3]))
 def test_random_graphs_up_to_sixty_nodes_are_readable(seed, junctions, loops):
@@ -119,6 +120,7 @@ def isolator():
     return dynid.run(dynid.load_scene(CONFIGS / "isolator_port.yaml"))
 
 
+@pytest.mark.thorough
 def test_a_result_is_drawn_from_its_own_scene(isolator, tmp_path):
     from dynid.store import write_result
 

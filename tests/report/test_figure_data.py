@@ -209,6 +209,7 @@ def test_of_a_long_array_a_study_draws_the_first_entries(entries):
 SVG = "{http://www.w3.org/2000/svg}"
 
 
+@pytest.mark.thorough
 def test_only_loops_have_a_critical_point():
     figure = drawn("isolator")["nyquist"]
     assert "critical" not in figure.caption
@@ -232,6 +233,7 @@ def test_a_circle_of_resonance_is_drawn_round_from_its_samples():
     np.testing.assert_array_equal(rounded_locus(zigzag, np.arange(10.0))[0], zigzag)
 
 
+@pytest.mark.thorough
 def test_a_time_response_beside_its_nonlinear_one_has_the_ranges_of_both():
     found, caption = result("servo_orifices"), drawn("servo_orifices")["time-response"].caption
     for name in ("response", "nonlinear"):

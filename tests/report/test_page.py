@@ -426,6 +426,7 @@ def test_a_page_of_ten_thousand_samples_is_small():
     assert len(columns["parameters.k"]) == 10_000
 
 
+@pytest.mark.thorough
 def test_more_samples_than_a_page_holds_are_thinned_out():
     html = page(study(120_000, failed=()))
     assert "50,000 of 120,000 samples" in html

@@ -18,6 +18,7 @@ KINDS = ["bond-graph", "identification", "reduction", "study", "bench"]
 #: Debian's name of the browser first.
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = [
+    pytest.mark.thorough,
     pytest.mark.skipif(BROWSER is None, reason="no Chromium: apt-get install chromium"),
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),  # what Playwright uses
 ]

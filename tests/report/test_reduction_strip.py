@@ -46,6 +46,7 @@ def test_every_step_of_the_published_graphs_is_readable(file):
     assert_readable(strip(types, values, graph["bonds"], graph["inputs"], output))
 
 
+@pytest.mark.thorough
 def test_every_step_of_random_graphs_is_readable():
     drawn = 0
     for seed in range(12):

@@ -17,6 +17,8 @@ from tests.report.test_structure_schematics import assert_texts_apart, text_boxe
 from tests.structure.boxes import box
 from tests.structure.test_geometry import SCENE
 
+pytestmark = pytest.mark.thorough
+
 
 def run(text):
     return run_scene(check_source(parse_source(text, "s.yaml")))

@@ -308,6 +308,7 @@ def test_frequency_responses_have_the_delay_as_it_is():
     np.testing.assert_allclose(result[f"{group}/T"].data[:, 1], loop / (1 + loop), rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_what_is_approximate_is_marked_and_verdicts_are_true():
     result = dynid.run(scene(LATE))
     root = "bond_graph/transfer_function/shaft.q/target"
@@ -339,6 +340,7 @@ def limit():
     return dynid.run(scene(LATE.replace("0.02", "0")))["bond_graph/margins/delay"].data[1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("tau", "stable"), [(0.002, True), (0.02, False)])
 def test_verdicts_with_delays(limit, tau, stable):
     """The delay margin of the loop without delay is where it turns unstable."""
@@ -699,6 +701,7 @@ def test_the_state_equations_are_solved_once_for_the_notes_of_all_outputs(monkey
     assert len(calls) == 1
 
 
+@pytest.mark.thorough
 def test_terms_that_add_up_at_equal_delays_are_divided_exactly():
     """A lossless line between 0.5 and 3, as four loops: 1 + Γ_S Γ_L e^(-2 s T) is left with its delays."""
     result = dynid.run(
@@ -726,6 +729,7 @@ control:
     assert np.exp(-2 * pole) == pytest.approx(1 / reflection, rel=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_response_between_samples_is_that_of_an_integrator():
     """A PI on a mass, half a period of computation, against DOP853 from hold to hold."""
     pid, second = "{pid: {kp: 1, ki: 0.3, kd: 0.4, tf: 0.2}, sample: 0.1}", SAMPLED.splitlines()[8]
@@ -775,6 +779,7 @@ def test_responses_of_more_than_a_million_samples_are_refused():
         dynid.run(scene(text))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("stiffness", "stable"), [(1e300, True), (-1e300, False), (-1e155, False)])
 def test_a_late_loop_around_a_spring_beyond_all_measure_has_its_verdict(stiffness, stable):
     """The loop is weak beside the spring, whose sign decides; natural frequencies are up to 1e150 rad/s."""

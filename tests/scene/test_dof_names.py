@@ -125,6 +125,7 @@ derived: []
 )
 
 
+@pytest.mark.thorough
 def test_references_and_sensors_of_frequency_responses_have_signs():
     first = run(FRF)
     every = run(renamed(FRF, NAMES))

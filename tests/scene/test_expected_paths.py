@@ -273,6 +273,7 @@ def spoiled_paths(paths):
                     yield "/".join([*changed, *parts[place + 1 :]])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
 )
@@ -396,6 +397,7 @@ OF_DATA = {
 DERIVED = "identification/derived"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
 )
@@ -563,6 +565,7 @@ WRITERS += [
 WRITING = ("add", "add_axis", "add_numbered", "add_all", "add_axes", "annotate")
 
 
+@pytest.mark.thorough
 def test_every_name_that_a_result_is_given_is_in_the_layout():
     known = {name for names in LAYOUT.values() for name in names.split()}
     known |= {part for group in LAYOUT for part in group.split("/")} | ATTRIBUTES

@@ -202,6 +202,7 @@ def test_records_that_list_their_channels_need_no_match(tmp_path):
     assert "these channels name their DOFs" in refusal(tmp_path, BEAM + none)
 
 
+@pytest.mark.thorough
 def test_two_hundred_channels_are_one_line(tmp_path):
     masses = ", ".join(["1"] * 200)
     links = ", ".join(["{dofs: [1], k: 100}", *(f"{{dofs: [{k}, {k + 1}], k: 100}}" for k in range(1, 200))])

@@ -78,6 +78,7 @@ def servo_point():
     return K, u, x, p, a, b, q
 
 
+@pytest.mark.thorough
 def test_the_equilibrium_of_the_servo_is_that_by_hand(servo):
     K, u, x, p, a, b, q = servo_point()
     expected = {"oil_a.e": a, "oil_b.e": b, "load_spring.q": q, "in_a.f": K * (u + x) * mp.sqrt(p - a)}

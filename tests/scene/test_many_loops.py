@@ -106,6 +106,7 @@ def test_sixteen_gains_are_their_sum():
     np.testing.assert_allclose(result["bond_graph/sensitivity_functions/S"].data[:, 7], expected, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_root_loci_of_loops_of_one_delay_are_roots_of_their_characteristic_function():
     loops = [("m.f", [0.5], "[1], delay: 0.1"), ("k.q", [0.3], "[1], delay: 0.1")]
     result = run(loops)

@@ -49,6 +49,7 @@ def test_slopes_are_those_of_differences(kind, loop):
     assert here.jacobian[0] == pytest.approx(differences, abs=1e-7 * size)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("targets", "reached"),
     [
@@ -147,6 +148,7 @@ def test_slopes_of_sampled_loops_are_those_of_differences(kind, loop):
     assert here.jacobian[0] == pytest.approx(differences, abs=1e-7 * size)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("targets", "reached"),
     [

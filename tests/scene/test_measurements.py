@@ -51,6 +51,7 @@ def test_records_share_what_they_do_not_say(tmp_path):
     assert np.all(errors / 100 * true < 4 * bound)
 
 
+@pytest.mark.thorough
 def test_a_shared_seed_counts_up(tmp_path):
     record = "    - {samples: 100, excitation: {dof: 2, kind: sine, frequency: 3}}\nderived: []\n"
     result = run(tmp_path, SCENE[: SCENE.index("    - samples")] + record)

@@ -62,6 +62,7 @@ def test_table_gives_what_the_list_gives(tmp_path, listed):
     np.testing.assert_allclose(read.value("identification/modes/frequency_std"), get["frequency_std"])
 
 
+@pytest.mark.thorough
 def test_matlab_file_with_scatter_of_single_tests(tmp_path, listed):
     from scipy.io import savemat
 

@@ -9,6 +9,8 @@ from dynid.scene.run import run_scene
 from dynid.structure.assembly import Support
 from dynid.structure.frame import Member, frame
 
+pytestmark = pytest.mark.thorough
+
 CORNERS = [(0.0, 0.0), (0.0, 3.0), (0.0, 6.0), (4.0, 6.0), (4.0, 3.0), (4.0, 0.0)]
 ENDS = [(1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (2, 5)]
 FIXED = ("u", "w", "theta")

@@ -94,10 +94,12 @@ def assert_together(template, samples, collect=COLLECT, pending=(), rounding=2e-
     return outcomes
 
 
+@pytest.mark.thorough
 def test_all_methods_of_a_jointed_beam():
     assert_together(scene(BEAM), overrides(VARIED))
 
 
+@pytest.mark.thorough
 def test_without_joints_a_basis_of_modes_is_compared_with_these():
     text = BEAM.replace("joints:", "substructures: {} #").replace("modes: [1, 3, 4]", "modes: [1, 3]")
     text = text.replace("  - {method: guyan}\n", "")
@@ -206,6 +208,7 @@ def test_methods_of_which_nothing_is_collected_are_not_run():
     assert [one.exit_code for one in run_batch(template, samples, ("reduction/serep/frequencies",))] == [3, 3]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("area", ["-(-width) * 0.05", "sqrt(width**3) / 20"])
 def test_what_is_computed_of_parameters_varies_with_them(area):
     assert_together(scene(BEAM.replace("width * 0.05", area)), overrides(VARIED), rounding=1e-12)

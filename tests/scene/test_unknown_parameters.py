@@ -257,6 +257,7 @@ def test_unknown_parameters_alone_are_something_to_identify():
     assert faults_of(known) == ["8:1: there is nothing to identify: no parameter has a 'start'"]
 
 
+@pytest.mark.thorough
 def test_definitions_that_form_a_cycle_through_mappings_are_refused_in_short_messages():
     names = [f"p{k}" for k in range(1000)]
     entries = "".join(

@@ -7,6 +7,8 @@ from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene as run
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 SCENE = """
 dynid: 1
 kind: identification

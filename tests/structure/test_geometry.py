@@ -15,6 +15,8 @@ from dynid.structure.model import StructuralModel
 from dynid.structure.solid import Material, solid
 from tests.structure.boxes import box
 
+pytestmark = pytest.mark.thorough
+
 EPS = np.finfo(float).eps
 
 

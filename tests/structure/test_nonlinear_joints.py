@@ -109,6 +109,7 @@ LAWS = {
 }  # fmt: skip
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", LAWS)
 def test_a_motion_is_that_of_an_integrator_without_events(name):
     law, values, force = LAWS[name]

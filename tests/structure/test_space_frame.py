@@ -304,6 +304,7 @@ def _spatial(points, members, fixed):
     return M[np.ix_(kept, kept)], K[np.ix_(kept, kept)]
 
 
+@pytest.mark.thorough
 def test_everything_may_be_unknown():
     p, parameters = unknowns(E=3.0, h=1.1, r=0.7, e=0.1, m=2.0, k=30.0)
 

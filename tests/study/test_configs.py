@@ -12,6 +12,8 @@ from dynid.study.executors import make_executor
 from dynid.study.plan import make_plan
 from dynid.study.run import run_study
 
+pytestmark = pytest.mark.thorough
+
 STUDIES = sorted((Path(__file__).parents[2] / "configs/studies").glob("*.yaml"))
 SMALLER = {
     "table2_monte_carlo": ["vary.measurement.simulate.seed.stop=6", "vary.measurement.simulate.seed.points=6"]

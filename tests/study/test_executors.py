@@ -19,6 +19,8 @@ from dynid.study.run import run_study, valid_samples
 from tests.study.faults import poisoned
 from tests.study.small import SCENE, STUDY, assert_same, planned
 
+pytestmark = pytest.mark.thorough
+
 MANY = STUDY.replace("stop: 4, points: 4", "stop: 14, points: 14")
 ROOT = Path(__file__).parents[2]
 

@@ -13,6 +13,8 @@ from dynid.result import Variable
 from dynid.store.reader import in_unit, is_frequency
 from dynid.units import FrequencyUnit
 
+pytestmark = pytest.mark.thorough
+
 SCENE = """dynid: 1
 kind: bond-graph
 graph:

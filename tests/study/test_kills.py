@@ -15,6 +15,8 @@ from dynid.study.journal import Journal
 from dynid.study.run import run_study
 from tests.study.small import STUDY, assert_same, planned, written
 
+pytestmark = pytest.mark.thorough
+
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = os.environ | {"PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}"}
 

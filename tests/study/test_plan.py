@@ -30,6 +30,7 @@ def column(folder, factor, method="latin-hypercube", samples=4096):
     return plan.arrays["parameters.m"]
 
 
+@pytest.mark.thorough
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(lengths=st.lists(st.integers(1, 4), min_size=1, max_size=4), zipped=st.booleans())
 def test_a_grid_is_the_product_of_its_groups_the_last_fastest(tmp_path, lengths, zipped):

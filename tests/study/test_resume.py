@@ -56,6 +56,7 @@ def whole(tmp_path_factory):
 PARTS = {"length": (0, 8), "crc": (8, 12), "count": (12, 16), "keys": (16, 32), "rest": (32, None)}
 
 
+@pytest.mark.thorough
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
 def test_a_flipped_bit_costs_its_own_record_at_most(whole, tmp_path_factory, data):

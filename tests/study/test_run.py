@@ -158,6 +158,7 @@ def test_equal_samples_are_run_once(tmp_path):
     assert np.array_equal(gain, [1, 2, 1] * 4)
 
 
+@pytest.mark.thorough
 def test_a_study_goes_on_from_a_journal_torn_at_any_byte(undisturbed, tmp_path, monkeypatch):
     plan = planned(tmp_path)
     target = tmp_path / "s.h5"
@@ -282,6 +283,7 @@ def test_failed_samples_are_run_again_when_asked_to(tmp_path):
     assert [b for _, b in pool.ran] == ["nothing"] * 4
 
 
+@pytest.mark.thorough
 def test_shards_merge_to_the_file_of_one_run(undisturbed, tmp_path):
     plan = planned(tmp_path)
     parts = [tmp_path / f"{index}.h5" for index in (1, 2, 3)]
@@ -312,6 +314,7 @@ def test_shards_of_different_studies_do_not_merge(tmp_path):
         merge_studies([tmp_path / "1.h5", tmp_path / "2.h5"], tmp_path / "all.h5")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("held", "lost"), [((1, 3), 4), ((2, 3), 0)])
 def test_a_merge_replaces_no_other_finished_samples(tmp_path, monkeypatch, dynid_cli, held, lost):
     """The merged file is that of shards 2 and 3 of three; the target holds another shard, or one of them."""
@@ -338,6 +341,7 @@ def test_a_merge_replaces_no_file_that_is_no_study(tmp_path, monkeypatch, dynid_
     assert Path("other.h5").read_text() == "notes"
 
 
+@pytest.mark.thorough
 def test_a_dry_run_runs_nothing_and_names_the_command_that_estimates_time(tmp_path, monkeypatch, dynid_cli):
     monkeypatch.chdir(tmp_path)
     plan = planned(tmp_path)
@@ -402,6 +406,7 @@ main(["study", "masses.yaml", "--executor", "serial", "-q"])
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [5_000, pytest.param(15_000, marks=pytest.mark.slow)])
 def test_a_file_that_may_not_grow_ends_in_a_message_and_no_crash(undisturbed, tmp_path, size):
     written(tmp_path)
@@ -531,6 +536,7 @@ def test_who_names_a_scheduler_means_dask(monkeypatch):
         make_executor(scheduler="tcp://127.0.0.1:1", scheduler_file="scheduler.json")
 
 
+@pytest.mark.thorough
 def test_the_template_of_a_study_runs_on_that_of_a_bond_graph(tmp_path, monkeypatch, dynid_cli):
     monkeypatch.chdir(tmp_path)
     for name in ("bond-graph", "study"):
@@ -597,6 +603,7 @@ def test_samples_without_what_is_gathered_anyway_are_done(tmp_path, monkeypatch,
     assert (read_result(tmp_path / "masses.h5")["study/expect/0"].data.sum()) == 2
 
 
+@pytest.mark.thorough
 def test_too_many_failures_are_an_exit_code(tmp_path, monkeypatch, dynid_cli):
     monkeypatch.chdir(tmp_path)
     written(tmp_path, STUDY.replace("-2]", "nothing]"))

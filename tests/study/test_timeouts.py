@@ -21,6 +21,8 @@ from tests.study.faults import faulty
 from tests.study.small import STUDY, assert_same, planned
 from tests.study.test_executors import cluster  # noqa: F401 - a fixture
 
+pytestmark = pytest.mark.thorough
+
 MANY = STUDY.replace("stop: 4, points: 4", "stop: 20, points: 20").replace("[0.5, 1, -2]", "[1]")
 
 
