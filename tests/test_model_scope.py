@@ -209,6 +209,7 @@ def test_a_reduction_says_what_was_left_out_of_it(seed):
     assert ("frequency_response" in found["results"][2]) == bool(seed % 2)
 
 
+@pytest.mark.thorough
 def test_poles_alone_load_no_symbols_no_figures_no_compiler_and_propagate_nothing(tmp_path):
     data = graph_scene(
         {"u": "Se", "j": "1", "m": "I", "r": "R", "c": "C"}, {"m": 2, "r": 3, "c": "1/5"},

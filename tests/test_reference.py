@@ -32,6 +32,7 @@ def test_pages_of_scenes_python_and_topics_are_current(reference):
     assert reference.outdated(reference.pages(("python", "scene parts"))) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(version("click").startswith("8.1"), reason="older click prints other help")
 def test_the_page_of_commands_is_current(reference):
     assert reference.outdated(reference.pages(("commands",))) == []
@@ -51,6 +52,7 @@ def test_a_page_that_differs_or_is_too_many_is_named(reference):
     assert set(reference.outdated(found)) == names
 
 
+@pytest.mark.thorough
 def test_every_part_of_a_scene_is_shown_once(scenes):
     shown = [name for names in scenes.order.values() for name in names]
     assert sorted(shown) == sorted(scenes.parts)

@@ -136,6 +136,7 @@ def results(draw):
     return result
 
 
+@pytest.mark.thorough
 @given(results())
 @settings(max_examples=25, deadline=None)
 def test_random_results_read_back_equal(tmp_path_factory, result):

@@ -8,6 +8,8 @@ import pytest
 from dynid.defaults import CHOICES
 from dynid.store import write_result
 
+pytestmark = pytest.mark.thorough
+
 SCRIPT = Path(__file__).parents[2] / "docs/accuracy.py"
 
 

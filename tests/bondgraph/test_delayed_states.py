@@ -14,6 +14,8 @@ from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 
 def scene(text):
     return check_source(parse_source(f"dynid: 1\nkind: bond-graph\n{text}", "late.yaml"))

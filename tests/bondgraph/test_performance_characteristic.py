@@ -116,6 +116,7 @@ def with_port(port):
     return SCENE.replace("  outputs: [m_s.f]\n", f"  outputs: [m_s.f]\n  port: {port}\n", 1)
 
 
+@pytest.mark.thorough
 def test_a_scene_with_a_port_writes_it_and_reads_it_back(tmp_path):
     file = tmp_path / "scene.yaml"
     file.write_text(with_port("base -> body"), encoding="utf-8")

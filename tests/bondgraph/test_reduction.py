@@ -83,6 +83,7 @@ def test_reversing_the_bond_of_a_one_port_changes_signs_only(seed):
         assert {k: abs(v) for k, v in before.items()} == {k: abs(v) for k, v in after.items()}
 
 
+@pytest.mark.thorough
 @settings(max_examples=100)
 @given(seed=st.integers())
 def test_several_outputs_give_what_each_gives_alone(seed):

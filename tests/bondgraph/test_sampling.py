@@ -18,6 +18,8 @@ from tests.bondgraph.graphs import build, chain, parse
 from tests.bondgraph.graphs import port as port_of
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 
+pytestmark = pytest.mark.thorough
+
 ASKED = frozenset({"transfer_function", "zeros", "poles", "properties", "hidden_modes"})
 #: What the exact engine alone has the numbers for; beside these every path is compared.
 ALONE = ("error_bound", "cause", "elements", "exact")

@@ -24,6 +24,8 @@ from tests.bondgraph.random_graphs import driven_ring, random_graph
 from tests.bondgraph.tableau import transfer_at
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 
 class Value(ast.NodeVisitor):
     """The exact value of a formula in known names."""

@@ -74,6 +74,7 @@ def test_ten_mistakes_come_in_one_go_with_exit_2(dynid, tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["ten.yaml"]
 
 
+@pytest.mark.thorough
 def test_a_terminal_with_few_letters_gets_the_rest(folder):
     left = subprocess.run(
         [sys.executable, "-m", "dynid", "run", "small.yaml"],
@@ -226,6 +227,7 @@ def test_compare_finds_no_difference_between_two_runs_of_one_scene(dynid):
     assert dynid("compare", "small.h5", "again.h5") == (0, "no differences\n", "")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("folder")
 def test_compare_lists_differences_with_exit_1_within_the_tolerances_asked_for(dynid):
     dynid("run", "small.yaml", "-q")

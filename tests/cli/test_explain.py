@@ -376,6 +376,7 @@ def test_an_explanation_without_an_end_is_cut_off_and_named(dynid, folder, expla
     assert "the explanation is not complete: after 5 s of processor time it was at 'assigning" in out
 
 
+@pytest.mark.thorough
 def test_where_no_process_can_be_started_a_scene_is_explained_in_this_one(dynid, folder, monkeypatch):
     (folder / "one.yaml").write_text(OSCILLATOR)
     separate = dynid("check", "--explain", "one.yaml")
@@ -460,6 +461,7 @@ def test_sizes_are_said_with_one_or_two_digits(size, text):
     assert size_text(size) == text
 
 
+@pytest.mark.thorough
 def test_faults_are_said_as_without(dynid, folder):
     (folder / "bad.yaml").write_text(OSCILLATOR.replace("value: 2", "valu: 2"))
     assert dynid("check", "--explain", "bad.yaml") == dynid("check", "bad.yaml")

@@ -64,6 +64,7 @@ def test_the_same_result_gives_the_same_bytes(dynid, folder, motor):  # noqa: AR
         assert written[0] == written[1]
 
 
+@pytest.mark.thorough
 def test_reduced_models_as_matrices(dynid, folder, beam):
     assert dynid("export", "beam.h5", "--mtx", "-o", "models")[0] == 0
     methods = {path.split("/")[1] for path in beam if path.endswith("/mass")}

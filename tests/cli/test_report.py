@@ -82,6 +82,7 @@ def test_the_page_of_a_study_is_read_from_its_file(dynid, made):
     assert "29 done · 1 failed" in (made / "whole.html").read_text()
 
 
+@pytest.mark.thorough
 def test_a_study_writes_its_page(dynid, made):
     text = "dynid: 1\nkind: study\nscene: small.yaml\nvary: {parameters.m: {values: [1, 2]}}\n"
     (made / "vary.yaml").write_text(text)

@@ -6,6 +6,8 @@ import pytest
 from tests.study.studies import write
 from tests.study.test_influence import ishigami, saltelli
 
+pytestmark = pytest.mark.thorough
+
 BASE = "dynid: 1\nexpect:\n  - {path: p/properties/gain, max: 2}\n"
 
 

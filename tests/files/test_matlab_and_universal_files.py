@@ -87,6 +87,7 @@ def test_what_a_matlab_file_has_not_is_said(mat, columns, layout, said):
     assert said in refusal(mat, columns, step=0.01, layout=layout)
 
 
+@pytest.mark.thorough
 def test_damaged_cells_are_refused(mat, tmp_path):
     whole, contents = mat.read_bytes(), []
     for place in range(130, len(whole), 37):

@@ -12,6 +12,8 @@ from tests.fuzz.kinds import KINDS, hostile_scene
 from tests.fuzz.mutation import bases
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 BASES = bases()
 COUNT = 600
 

@@ -88,6 +88,7 @@ def test_mean_squares_of_white_innovations_lie_in_the_interval_of_chi_squared():
     assert not consistency(0.8 * e).consistent
 
 
+@pytest.mark.thorough
 def test_innovations_of_the_last_filter_pass_are_normalised():
     """Over ten records the mean square lies in its 95 % interval as often as it should."""
     inside = 0

@@ -77,6 +77,7 @@ def test_a_sensitivity_below_the_noise_does_not_refuse_the_others():
     assert not diagnostic(result, "converged")
 
 
+@pytest.mark.thorough
 def test_the_phase_of_a_fast_motion_identifies_a_joint_beside_a_stiff_link():
     result = two_masses(Link((1, 2), 1e9), "acceleration")
     assert_finite(result)

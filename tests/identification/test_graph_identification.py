@@ -28,6 +28,8 @@ from tests.bondgraph.graphs import build, parse, port
 from tests.identification.test_graph_system import MOTOR, written
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 
 def chain_twice(masses, stiffness, damping, joints, factor=0.6):
     """A grounded chain as a structure and as a graph; these links (from 1, at the ground) are unknown joints.

@@ -147,6 +147,7 @@ def test_random_graphs_have_the_transfers_and_slopes_of_their_tableau(seed):
     assert not set(named).intersection(found.unreached)
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6))
 def test_responses_keep_nine_digits_with_values_twelve_decades_apart(seed):

@@ -122,6 +122,7 @@ def test_output_error_finds_a_cubic_spring():
     assert (band > 0).all()
 
 
+@pytest.mark.thorough
 def test_a_slider_that_sticks_is_named_with_the_excitation_that_moves_it():
     sentences = []
     for amplitude in (0.01, 0.1):
@@ -142,6 +143,7 @@ def test_a_gap_that_stays_open_is_named():
     assert "joint bolt never closes in this record" in sentence
 
 
+@pytest.mark.thorough
 def test_a_plan_has_the_bounds_of_other_amplitudes():
     small = plan(model("jenkins"), [experiment(60, 0.01, amplitude=0.4)])
     bounds = dict(zip(small["plan/amplitude/factor"].data, small["plan/amplitude/bound"].data, strict=True))

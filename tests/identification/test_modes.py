@@ -27,6 +27,8 @@ from dynid.structure.ports import Channel, Load
 from tests.identification.modal_cases import DOFS, chain, measured, plate, true_modes
 from tests.screens import lines
 
+pytestmark = pytest.mark.thorough
+
 KNOWN = Scatter(0.0, 0.0, 0.0)
 
 

@@ -17,6 +17,8 @@ from dynid.structure.model_laws import joint_law
 from dynid.structure.ports import Channel, Load
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 MASSES, GROUND, STEP, SAMPLES = np.array([1.0, 0.7, 0.9]), (1.5e4, 5.0), 1 / 400, 1200
 JOINTS = {"a": (1e4, 4.0), "b": (8e3, 3.0)}
 ENDS = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])

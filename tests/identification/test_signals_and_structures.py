@@ -224,6 +224,7 @@ def test_a_wrong_excitation_is_refused():
         run(measurement=Measurement(0.002, 800, VELOCITIES, y), loads=LOADS)  # phases of another time
 
 
+@pytest.mark.thorough
 def test_records_may_be_simulated_with_another_structure():
     truth = suspension(links=(LINKS[0], Link((1, 2), 3.3e4, 30), LINKS[2]))
     result = run(truth=truth)

@@ -57,6 +57,7 @@ def test_the_start_does_not_matter(factor, from_half):
     assert np.abs(two - from_half).max() < np.abs(0.1 * parameter(result, "standard_error")).max()
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("complete")
 def test_same_scene_and_seed_give_the_same_bytes():
     first, again, other = (run(measurement=simulated(0.05, seed)) for seed in (1, 1, 2))

@@ -96,6 +96,7 @@ def distance_squared(value, exact):
     return (Fraction(value.real) - exact[0]) ** 2 + (Fraction(value.imag) - exact[1]) ** 2
 
 
+@pytest.mark.thorough
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.integers(-(10**6), 10**6), min_size=2, max_size=12))
 def test_error_bounds_hold_against_sixty_digits(coefficients):

@@ -38,6 +38,7 @@ def test_roots_are_correctly_rounded(degree, data):
     assert_same(columns, root_batch(columns))
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(st.integers(1, 3), st.data())
 @example(1, None)

@@ -191,6 +191,7 @@ def test_random_channels_are_those_of_a_dense_grid(seed):
     assert found.rise_time == pytest.approx(rise[1] - rise[0], abs=2 * step)
 
 
+@pytest.mark.thorough
 def test_python_control_agrees_where_its_grid_is_fine_enough():
     numerator, denominator = [3.0, 2.0], [1.0, 1.5, 4.0, 2.0]
     found = of(numerator, denominator)

@@ -75,6 +75,7 @@ def test_impact_is_exact_across_its_end():
     np.testing.assert_allclose(y, after, atol=1e-15)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "signal",
     [

@@ -76,6 +76,7 @@ def first_channel(name, reading):
     return zeros_poles(*benchmark(name)[0], reading=reading)
 
 
+@pytest.mark.thorough
 @published
 @pytest.mark.parametrize("name", ["building", "cdplayer", pytest.param("heat", marks=pytest.mark.slow)])
 def test_benchmark_models_exactly(name):

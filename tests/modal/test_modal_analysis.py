@@ -12,6 +12,8 @@ from dynid.modal.modal_model import ModalModel
 from tests.modal import monte_carlo
 from tests.modal.structures import OMEGA, measured, modes, receptances, standardised
 
+pytestmark = pytest.mark.thorough
+
 
 def driving(references):
     return [(response, column) for column, response in enumerate(references)]

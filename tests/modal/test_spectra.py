@@ -95,6 +95,7 @@ def test_random_records_with_long_segments():
         assert np.all(np.abs(standard) < 4)
 
 
+@pytest.mark.thorough
 def test_leakage_leaves_no_standard_error():
     spectra = spectra_of_records([random_record(1, 60.0)], segment=2.0)
     reported = analysed(spectra).modes

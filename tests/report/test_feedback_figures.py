@@ -9,6 +9,8 @@ from dynid.report.content import content
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 SCENE = """
 dynid: 1
 kind: bond-graph

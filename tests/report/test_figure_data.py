@@ -16,6 +16,8 @@ from dynid.result import Result
 from dynid.scene.kinds.planning import run_plan
 from tests.report.pages import bench, study
 
+pytestmark = pytest.mark.thorough
+
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 

@@ -289,6 +289,7 @@ def suspension():
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "overrides",
     [

@@ -102,6 +102,7 @@ def test_a_setpoint_is_ahead_of_the_controller(controller, top, bottom):
             np.testing.assert_array_equal(result[path].data, plain[path].data)
 
 
+@pytest.mark.thorough
 def test_a_setpoint_beside_a_reference():
     """u = r + C e^(-s τ) (w - i): integral action makes the current follow w, and reject r."""
     text = """
@@ -292,6 +293,7 @@ def late_loop(s, tau=0.02):
     return plant, 20 * plant * np.exp(-s * tau)
 
 
+@pytest.mark.thorough
 def test_frequency_responses_have_the_delay_as_it_is():
     text = LATE.replace("[shaft.q]", "[shaft.q, m.L.f]")
     frequencies = "  frequency: {start: 0.5, stop: 50, points: 30}\nparameters:"
@@ -515,6 +517,7 @@ def test_a_sampled_controller_of_either_method_is_valid(controller):
     ).model.control.sampled
 
 
+@pytest.mark.thorough
 def test_results_of_sampled_loops():
     result = dynid.run(
         scene(SAMPLED.replace("inputs: [w]", "inputs: [w], frequency: {start: 1, stop: 9, points: 3}"))

@@ -144,6 +144,7 @@ def test_gains_of_controllers_are_free():
     assert abs(2 * s**2 + s + 8 + kp + kd * s / (0.01 * s + 1)) < 1e-12 * kp
 
 
+@pytest.mark.thorough
 def test_minima_are_reported_with_others_beside():
     result = dynid.run(ROOT / "configs/absorber_design.yaml")
     group = "bond_graph/design"

@@ -152,6 +152,7 @@ def test_a_motor_on_a_reduced_beam_responds_as_its_matrices(name):
     assert "'arm' is a float model" in text
 
 
+@pytest.mark.thorough
 def test_modes_and_their_residuals_have_the_relative_degree_of_the_structure():
     text = "results: [properties, poles]\n"
     full, few = (dynid.run(motor(text, **part)) for part in ({}, {"reduction": REDUCTIONS["modal"]}))
@@ -229,6 +230,7 @@ def test_a_rigid_motion_has_no_stiffness():
     assert np.count_nonzero(poles == 0) == 1
 
 
+@pytest.mark.thorough
 def test_a_port_between_machine_and_structure_is_decomposed():
     small = {"beam": UNDAMPED["beam"] | {"elements": 2}}
     ports = {"hub": "theta_1", "tip": "w_3"}

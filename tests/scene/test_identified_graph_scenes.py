@@ -265,6 +265,7 @@ def test_samples_of_a_study_are_those_run_alone(tmp_path):
         )
 
 
+@pytest.mark.thorough
 def test_alternatives_of_a_graph_are_estimators_and_holds():
     assert aspects_of(scene().model) == ["estimator"]
     small = {"alternatives": {"estimator": ["output-error"]}, "budget": 20, "repeats": 1}

@@ -10,6 +10,8 @@ from dynid.progress import progress_to
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 PLANT = """\
 dynid: 1
 kind: bond-graph

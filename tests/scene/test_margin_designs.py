@@ -68,6 +68,7 @@ def test_targets_are_met_by_the_margins_that_miss_nothing(targets, reached):
     assert result.value("bond_graph/design/met")
 
 
+@pytest.mark.thorough
 def test_the_largest_integral_gain_under_a_limit_of_the_sensitivity():
     """On exp(-s/2)/(s + 1)^2 neither neighbour with the same Ms has a larger ki."""
     text = LAG.replace("    - {from: L1.f, to: u, controller: {gain: kv, delay: 0.1}}\n", "").replace(

@@ -168,6 +168,7 @@ def check_modes(result):
     assert np.all(error < 2e-3 * omega)
 
 
+@pytest.mark.thorough
 def test_impacts_at_two_references_and_a_double_hit(tmp_path):
     hits = [(0, [0, 1, 2], 0.0), (2, [0, 1, 2], 0.0)] * 2 + [(0, [0, 1, 2], 0.3)]
     result = dynid.run(listed(tmp_path, hits))

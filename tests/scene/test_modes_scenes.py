@@ -47,6 +47,7 @@ def test_shipped_scene_finds_the_joints(listed):
     np.testing.assert_allclose(listed.value("identification/modes/frequency_measured")[0], 6.078)
 
 
+@pytest.mark.thorough
 def test_table_gives_what_the_list_gives(tmp_path, listed):
     rows = ["frequency [Hz],frequency_std,damping,damping_std,1,3,5,std 1,std 3,std 5"]
     get = {

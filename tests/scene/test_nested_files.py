@@ -176,6 +176,7 @@ def check(seed, folder):
     return True
 
 
+@pytest.mark.thorough
 def test_random_nested_models_are_their_flat_graphs(tmp_path):
     assert sum(check(seed, tmp_path) for seed in range(30)) > 15
 

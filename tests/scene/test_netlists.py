@@ -262,6 +262,7 @@ def test_what_cannot_be_understood_is_located(tmp_path, old, new, said):
     assert int(column) >= 1
 
 
+@pytest.mark.thorough
 def test_models_that_multiply_at_every_level_end_at_a_bound(tmp_path):
     levels = [f"  m{k}: {{components: [a m{k + 1}, b m{k + 1}]}}" for k in range(40)]
     (tmp_path / "bomb.bg").write_text("\n".join(["root: m0", "models:", *levels, "  m40: {components: []}"]))

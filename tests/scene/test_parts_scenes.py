@@ -240,6 +240,7 @@ def test_a_whole_assembly_is_reduced_with_points_as_masters():
     np.testing.assert_allclose(result["identification/parameters/error_percent"].data, 0, atol=1e-3)
 
 
+@pytest.mark.thorough
 def test_reduced_parts_are_reduced_further_with_the_basis_that_follows_the_joints():
     text = SCENE.replace(
         "joints:", "reduction: {method: joint-aware, modes: {count: 9}, residuals: none}\njoints:", 1

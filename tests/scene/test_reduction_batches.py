@@ -173,6 +173,7 @@ def test_expectations_are_counted():
 SOLID = "reduction/serep/frequencies"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("old", "new", "method"),
     [
@@ -223,6 +224,7 @@ def test_a_reduction_that_cannot_be_made_is_an_obstacle():
     assert "99" in str(explain(template).obstacle)
 
 
+@pytest.mark.thorough
 def test_a_rigid_body_mode_that_no_method_keeps_is_no_obstacle():
     """Without its joint the beam turns freely about its pinned end."""
     text = BEAM.replace("{node: 8, fix: [w, theta]}", "").replace(

@@ -279,6 +279,7 @@ def test_the_command_line_sets_values_before_anything_is_checked():
     ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_json_schema_accepts_the_example_and_refuses_an_unknown_key(kind):
     schema = json.loads(json.dumps(scene_schema(KINDS[kind].load("model"))))

@@ -52,6 +52,7 @@ def test_receptance_mobility_accelerance_of_a_membrane(method, rtol, alpha, beta
     assert found.method == ("direct" if method == "direct" else "modal")
 
 
+@pytest.mark.thorough
 def test_modes_and_direct_solution_agree_with_a_damped_joint_and_rigid_bodies():
     K, _ = grid(24, free_string)
     jointed = StructuralModel(

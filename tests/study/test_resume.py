@@ -27,6 +27,8 @@ from tests.cli import conftest
 from tests.sample import sample
 from tests.study.small import STUDY, assert_same, planned, written
 
+pytestmark = pytest.mark.thorough
+
 dynid_cli = conftest.dynid
 
 SIZES = [1, 3, 2, 5, 1, 4]  # samples of the records

@@ -30,6 +30,8 @@ from tests.cli import conftest
 from tests.study.small import SCENE, STUDY, assert_same, planned, written
 from tests.study.studies import write
 
+pytestmark = pytest.mark.thorough
+
 
 class Counting(SerialExecutor):
     """The serial pool, with a list of the samples that it ran."""
