@@ -120,6 +120,14 @@ def test_candidates_act_at_a_linear_joint_of_a_measured_record(tmp_path):
     assert diagnostic(stated, "log_likelihood") == pytest.approx(laws["log_likelihood"]["jenkins"], abs=0.1)
 
 
+@pytest.mark.slow
+def test_distributed_sliders_and_friction_are_candidates(tmp_path):
+    laws = columns(compared(tmp_path, "jenkins, iwan, coulomb, linear", JENKINS))
+    assert laws["bic"]["jenkins"] < laws["bic"]["iwan"] + 10  # one slider is a limit of many
+    assert laws["log_likelihood"]["iwan"] > laws["log_likelihood"]["coulomb"]
+    assert laws["log_likelihood"]["coulomb"] >= laws["log_likelihood"]["linear"]
+
+
 @pytest.mark.parametrize(
     ("laws", "said"),
     [

@@ -18,7 +18,7 @@ from dynid.identification.records.measurement import Experiment, Measurement, Si
 from dynid.identification.systems.nonlinear_prediction import hidden_start, predicted
 from dynid.lti.signals import Multisine
 from dynid.parameters import starts
-from dynid.structure.joint_laws import BoucWen, Cubic, Gap, Jenkins
+from dynid.structure.joint_laws import BoucWen, Coulomb, Cubic, Gap, Iwan, Jenkins
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law
@@ -28,6 +28,8 @@ LAWS = {
     "cubic": (Cubic(), (2e8,)),
     "jenkins": (Jenkins(), (3e3, 1.0)),
     "bouc_wen": (BoucWen(), (3e3, 3000.0, 1000.0)),
+    "coulomb": (Coulomb(), (1.0, 0.1)),
+    "iwan": (Iwan(), (3e3, 6.0, -0.5, 0.5)),
     "gap": (Gap(), (1e4, 2e-3, 5.0)),
 }
 

@@ -18,7 +18,7 @@ from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Multisine
 from dynid.report.content import content
-from dynid.structure.joint_laws import Cubic, Gap, Jenkins
+from dynid.structure.joint_laws import Cubic, Gap, Iwan, Jenkins
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law
@@ -29,13 +29,14 @@ STEP = 1 / 300
 LAWS = {
     "cubic": (Cubic(), {"k3": 2e8}),
     "jenkins": (Jenkins(), {"kt": 3e3, "fs": 1.0}),
+    "iwan": (Iwan(), {"kt": 3e3, "fs": 1.0, "chi": -0.5, "beta": 0.5}),
     "gap": (Gap(), {"kg": 2e4, "clearance": 2e-4, "cg": 5.0}),
 }
 
 
 def model(kind, factor=1.0):
     law, true = LAWS[kind]
-    parameters = [JointParameter(start=factor * x, true=x) for x in true.values()]
+    parameters = [JointParameter(start=factor * x, true=x, signed=x < 0) for x in true.values()]
     k, c = (JointParameter(start=factor * x, true=x) for x in (1e4, 4.0))
     bolt = Joint("bolt", (1, 2), k, c, laws=(joint_law(law, parameters),))
     return lumped((1.0, 0.7), (Link((1,), 1.5e4, 5.0),), [bolt])
@@ -136,6 +137,14 @@ def test_a_slider_that_sticks_is_named_with_the_excitation_that_moves_it():
     assert factors[0] == pytest.approx(10 * factors[1], rel=0.1)
     # With that much excitation it slips.
     assert idle("jenkins", amplitude=0.11 * factors[1]) == []
+
+
+def test_an_iwan_joint_of_which_some_sliders_stick_is_named():
+    (sentence,) = idle("iwan", amplitude=0.4)
+    assert "joint bolt never slips as a whole in this record" in sentence
+    assert "bolt.fs and beta cannot be identified" in sentence
+    factor = float(sentence.rpartition("excitation ")[2].split()[0])
+    assert idle("iwan", amplitude=0.4 * 1.3 * factor) == []
 
 
 def test_a_gap_that_stays_open_is_named():

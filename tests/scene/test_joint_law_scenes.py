@@ -54,6 +54,14 @@ def scene(folder, *laws, more="", rest="k: 100", asked=TIME):
             ["log", "linear"],
         ),
         (["{kind: gap, kg: 1, clearance: {start: 1.0e-3, max: 1}}"], ["bolt.clearance"], ["log"]),
+        (
+            [
+                "{kind: iwan, kt: 1, fs: {start: 2}, chi: {start: -0.5}, beta: 0}",
+                "{kind: coulomb, fs: 1, v0: {start: 2}}",
+            ],
+            ["bolt.fs", "bolt.chi", "bolt.coulomb.v0"],
+            ["log", "linear", "log"],
+        ),
     ],
 )  # fmt: skip
 def test_unknown_parameters_of_laws_have_names_and_scales(tmp_path, laws, names, scales):
@@ -82,6 +90,8 @@ def test_laws_share_parameters_of_the_scene_and_an_offset(tmp_path):
         (["{kind: cubic, k3: {start: 2, max: 1}}"], {}, "does not lie between"),
         (["{kind: gap, kg: 1, clearance: -1}"], {}, "-1 is not 0 or positive"),
         (["{kind: gap, kg: 1, clearance: {start: 0}}"], {}, "0 is not positive"),
+        (["{kind: iwan, kt: 1, fs: 1, chi: -1, beta: 1}"], {}, "-1 is not above -1"),
+        (["{kind: coulomb, fs: 1, v0: 0}"], {}, "0 is not positive"),
         (["{kind: power, d: 0.5, a: 1}"], {}, "infinite slope"),
         (["{kind: power, d: 1, signed: [v], a: 1}"], {}, "makes the force jump"),
         (["{kind: power, a: 1}"], {}, "has an exponent"),

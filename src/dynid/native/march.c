@@ -10,7 +10,8 @@
 #define NODES 5     /* Lobatto nodes of a step */
 #define INNER 4     /* those with unknowns */
 #define LOADS 9     /* coefficients of the loads of a step */
-#define SLOPES 4    /* parameters of a law, its offset the last */
+#define VALUES 4    /* parameters of a law */
+#define SLOPES 6    /* of a law by these and, the last, by its offset; even, so that registers clear them */
 #define GUARDS 2
 #define OPTIONS 6   /* numbers of a law that are no parameters: of a power the exponents, signs and kinks of d and v */
 #define MAX_NEWTON 30
@@ -24,14 +25,21 @@
 #define NEEDS_REGIME 1
 #define NOT_DIAGONAL 2
 #define TOO_LONG 3
+#define NEEDS_MEMORY 4
+
+#define IWAN 6 /* the law that remembers open loops; bits of its regimes: */
+#define BACKWARDS 1
+#define SLIPPED 2
+#define REVERSED 4
+#define FIRST_LOOPS 3 /* first loading, its mirror image, a reversal: closing the last leads back to first loading */
 
 typedef struct {
   /* n states, nf joint forces, nu loads, nd directions, nr rows (of which ns are needed to solve a step, the others for
    * its energy), nl laws, q columns of slopes, p of parameters, m modes */
-  int64_t n, nf, nu, nd, nr, ns, nl, q, p, m, steps, lengths, regimes, scans, impulse;
+  int64_t n, nf, nu, nd, nr, ns, nl, q, p, m, steps, lengths, regimes, scans, impulse, memory;
   const double *rows, *D, *rate_A, *rate_D; /* nr x n, n x nd; acceleration of the deflections: nf x n, nf x nd */
   const int64_t *codes, *places;            /* nl */
-  const double *options, *values, *offsets, *statics; /* nl x OPTIONS, nl x 3, nl, nl x 5 */
+  const double *options, *values, *offsets, *statics; /* nl x OPTIONS, nl x VALUES, nl, nl x 2 + VALUES */
   const double *by_laws, *by_rows, *by_loads, *by_forces;
   const double *h, *fades, *coefficients, *nodes, *basis, *integrals, *scan, *scan_basis, *load_basis, *load_points, *load_inverse, *load_powers, *legendre, *two_steps, *jump, *jump_work;
   const int64_t *which, *sample;
@@ -41,7 +49,8 @@ typedef struct {
   const int64_t *diagonal;
   /* The state, with which a march goes on. */
   double *x, *z, *S, *T, *work, *done, *wanted; /* work: on the laws (nf), of loads, on dampers; error of the state, its largest */
-  int64_t *state, *at; /* regimes of the laws; step, events, steps taken, jumped */
+  int64_t *state, *at, *open; /* regimes of the laws; step, events, steps taken, jumped; reversals that are remembered */
+  double *began, *began_slopes, *loops, *loop_slopes; /* forces at which branches began (nl, q); nl x memory x 2 (x q) */
   double *states, *hidden, *forces, *works, *slopes, *force_slopes, *hidden_slopes;
   int64_t *regime_of;
 } March;
@@ -55,7 +64,7 @@ typedef struct {
 
 typedef struct {
   double value, d, v, z, p[SLOPES];
-  int64_t following;
+  int64_t following, unused; /* a size that registers clear */
 } Guard;
 
 /* A step in room that is used again: nodes x … as in the march of NumPy. */
@@ -92,6 +101,33 @@ INLINE void cleared(double *at, int count) {
   }
 }
 
+INLINE double sign_of(int64_t regime) { return regime & BACKWARDS ? -1.0 : 1.0; }
+
+/* The deflection from which on all sliders of Iwan slip, and its slopes by the parameters; see `joint_laws`. */
+INLINE double all_slip(const double *p, double *by) {
+  const double a = p[2] + 1.0, c = p[3] + a / (a + 1.0), phi = p[1] * (1.0 + p[3]) / (p[0] * c);
+  by[0] = -phi / p[0], by[1] = phi / p[1], by[2] = -phi / ((a + 1.0) * (a + 1.0) * c);
+  by[3] = phi * (1.0 / (1.0 + p[3]) - 1.0 / c);
+  return phi;
+}
+
+/* The force of first loading, its slope, and its slopes by the parameters. */
+INLINE double backbone(const double *p, double u, double *slope, double *by) {
+  double of_phi[VALUES];
+  const double phi = all_slip(p, of_phi), a = p[2] + 1.0, ratio = u > 0.0 ? u / phi : 0.0;
+  const double log_ratio = ratio > 0.0 ? log(ratio) : 0.0;
+  const double w = (ratio > 0.0 ? exp(a * log_ratio) : 0.0) / ((1.0 + p[3]) * (a + 1.0));
+  for (int k = 0; k < VALUES; k++) {
+    double of_w = -w * a * of_phi[k] / phi;
+    if (k == 2) of_w += w * (log_ratio - 1.0 / (a + 1.0));
+    if (k == 3) of_w -= w / (1.0 + p[3]);
+    by[k] = -p[0] * u * of_w;
+  }
+  by[0] += u * (1.0 - w);
+  *slope = p[0] * (1.0 - w * (1.0 + a));
+  return p[0] * u * (1.0 - w);
+}
+
 /* A factor of a power law and its slope, continued smoothly beyond the regime. */
 INLINE void factor(const double *o, int which, int64_t regime, double x, double *value, double *slope) {
   const double exponent = o[which];
@@ -111,7 +147,7 @@ INLINE void factor(const double *o, int which, int64_t regime, double x, double 
 }
 
 INLINE void force(const March *t, int64_t l, int64_t r, double d, double v, double z, Force *o) {
-  const double *p = t->values + 3 * l, *s = t->statics + 5 * l, *opt = t->options + OPTIONS * l;
+  const double *p = t->values + VALUES * l, *s = t->statics + (2 + VALUES) * l, *opt = t->options + OPTIONS * l;
   cleared((double *)o, sizeof *o / sizeof(double));
   const int64_t code = t->codes[l];
   const int shifted = code == 1 || code == 4;
@@ -141,19 +177,34 @@ INLINE void force(const March *t, int64_t l, int64_t r, double d, double v, doub
     const double e = d - r * p[1];
     o->f = p[0] * e + p[2] * v, o->d = p[0], o->v = p[2];
     o->p[0] = e, o->p[1] = -r * p[0], o->p[2] = v;
+  } else if (code == 5) {
+    const double ratio = v / p[1], tangent = tanh(ratio);
+    o->f = p[0] * tangent, o->v = p[0] / p[1] * (1.0 - tangent * tangent);
+    o->p[0] = tangent, o->p[1] = -o->v * ratio;
+  } else if (code == IWAN) {
+    const double sign = sign_of(r), scale = r & REVERSED ? 2.0 : 1.0;
+    o->f = t->began[l];
+    if ((r & (SLIPPED | REVERSED)) == SLIPPED) {
+      o->f += sign * p[1], o->p[1] = sign;
+    } else {
+      double slope, by[VALUES];
+      o->f += scale * sign * backbone(p, sign * (d - z) / scale, &slope, by);
+      o->d = slope, o->z = -slope;
+      for (int k = 0; k < VALUES; k++) o->p[k] = scale * sign * by[k];
+    }
   }
   if (shifted) {
     o->f -= s[0];
-    for (int k = 0; k < 3; k++) o->p[k] -= s[2 + k];
-    o->p[3] = o->d - s[1];
+    for (int k = 0; k < VALUES; k++) o->p[k] -= s[2 + k];
+    o->p[SLOPES - 1] = o->d - s[1];
   }
 }
 
 /* Fill the guards of a regime; return their number. */
 INLINE int guards(const March *t, int64_t l, int64_t r, double d, double v, double z, Guard *g) {
-  const double *p = t->values + 3 * l, *opt = t->options + OPTIONS * l;
+  const double *p = t->values + VALUES * l, *opt = t->options + OPTIONS * l;
   int count = 0;
-  for (int k = 0; k < GUARDS; k++) cleared((double *)(g + k), 8);
+  for (int k = 0; k < GUARDS; k++) cleared((double *)(g + k), sizeof *g / sizeof(double));
   if (t->codes[l] == 1) {
     const double x[2] = {d + t->offsets[l], v};
     for (int which = 0; which < 2; which++)
@@ -162,7 +213,7 @@ INLINE int guards(const March *t, int64_t l, int64_t r, double d, double v, doub
         Guard *o = g + count++;
         o->value = sign * x[which], o->following = r ^ 1 << which;
         if (which) o->v = sign;
-        else o->d = o->p[3] = sign;
+        else o->d = o->p[SLOPES - 1] = sign;
       }
   } else if (t->codes[l] == 2) {
     if (r) {
@@ -182,20 +233,32 @@ INLINE int guards(const March *t, int64_t l, int64_t r, double d, double v, doub
   } else if (t->codes[l] == 4) {
     d += t->offsets[l];
     if (r) {
-      g->value = r * d - p[1], g->d = g->p[3] = r, g->p[1] = -1.0, g->following = 0;
+      g->value = r * d - p[1], g->d = g->p[SLOPES - 1] = r, g->p[1] = -1.0, g->following = 0;
       return 1;
     }
     for (int s = 1; s >= -1; s -= 2)
       if (opt[s > 0 ? 0 : 1] != 0.0) {
         Guard *o = g + count++;
-        o->value = p[1] - s * d, o->d = o->p[3] = -s, o->p[1] = 1.0, o->following = s;
+        o->value = p[1] - s * d, o->d = o->p[SLOPES - 1] = -s, o->p[1] = 1.0, o->following = s;
       }
+  } else if (t->codes[l] == IWAN) {
+    const double sign = sign_of(r);
+    g[0].value = sign * v, g[0].v = sign, g[0].following = (r ^ BACKWARDS) | REVERSED;
+    if (!(r & (SLIPPED | REVERSED))) {
+      g[1].value = all_slip(p, g[1].p) - sign * (d - z), g[1].d = -sign, g[1].z = sign, g[1].following = r | SLIPPED;
+    } else if (r & REVERSED) { /* the loop is closed where the branch before it was left */
+      const double closing = t->loops[2 * (t->memory * l + t->open[l] - 1)];
+      g[1].value = sign * (closing - d), g[1].d = -sign, g[1].following = t->open[l] <= FIRST_LOOPS ? r & ~(int64_t)REVERSED : r;
+    } else {
+      return 1;
+    }
+    return 2;
   }
   return count;
 }
 
 INLINE void tangent(const March *t, int64_t l, int64_t r, double *k, double *c) {
-  const double *p = t->values + 3 * l, *o = t->options + OPTIONS * l;
+  const double *p = t->values + VALUES * l, *o = t->options + OPTIONS * l;
   *k = *c = 0.0;
   if (t->codes[l] == 1) {
     if (o[0] == 1.0 && o[1] == 0.0 && o[2] != 0.0) *k = p[0];
@@ -206,6 +269,8 @@ INLINE void tangent(const March *t, int64_t l, int64_t r, double *k, double *c) 
     *k = p[0];
   } else if (t->codes[l] == 4 && r) {
     *k = p[0], *c = p[2];
+  } else if (t->codes[l] == IWAN) {
+    *k = (r & (SLIPPED | REVERSED)) == SLIPPED ? 0.0 : p[0];
   }
 }
 
@@ -605,7 +670,8 @@ static void sensitivities(const March *t, Step *o) {
     for (int64_t a = 0; a < q; a++) G[row * q + a] = by_d * W[row * q + a] + by_v * W[(nf + row) * q + a] + direct[row * q + a];
   }
   for (int64_t l = 0; l < nl; l++)
-    for (int64_t a = 0; a < q; a++) G[t->places[l] * q + a] += o->law[l].z * t->T[l * q + a];
+    for (int64_t a = 0; a < q; a++)
+      G[t->places[l] * q + a] += o->law[l].z * t->T[l * q + a] + t->began_slopes[l * q + a];
   for (int64_t e = 1; e < NODES; e++)
     for (int64_t i = 0; i < ns; i++)
       for (int64_t f = 0; f < nf; f++) {
@@ -623,7 +689,7 @@ static void sensitivities(const March *t, Step *o) {
     if (t->codes[l] != 3)
       for (int64_t e = 1; e < NODES; e++)
         for (int64_t a = 0; a < q; a++)
-          right[((e - 1) * nf + t->places[l]) * q + a] += o->law[e * nl + l].z * t->T[l * q + a];
+          right[((e - 1) * nf + t->places[l]) * q + a] += o->law[e * nl + l].z * t->T[l * q + a] + t->began_slopes[l * q + a];
   for (int64_t i = 0; i < nz; i++) {
     const int64_t l = o->dynamic[i], row = t->places[l];
     for (int64_t j = 0; j < NODES; j++) { /* rates at the nodes */
@@ -880,9 +946,17 @@ static int first_event(const March *t, const Step *o, Event *event) {
         if (located[number] || !(g->value < -round_off[number])) continue;
         if (rises[number] && t->scan[i] < t->nodes[1]) continue;
         located[number] = 1;
-        const double theta = root(t, o, l, number, i ? t->scan[i - 1] : 0.0, t->scan[i]);
+        const double low = i ? t->scan[i - 1] : 0.0;
+        double theta = root(t, o, l, number, low, t->scan[i]), at_event[NODES];
+        int earliest = number;
+        basis_at(t, theta, at_event);
+        for (int k = 0; k < count; k++) { /* negative there, though not at the scan: it was first */
+          if (k == number || !(guard_at(t, o, l, k, at_event, NULL) < -round_off[k])) continue;
+          if (rises[k] && theta < t->nodes[1]) continue;
+          theta = root(t, o, l, k, low, theta), earliest = k;
+        }
         if (!any || theta < event->theta) {
-          event->theta = theta, event->law = l, event->number = number, last = t->scan[i];
+          event->theta = theta, event->law = l, event->number = earliest, last = t->scan[i];
           any = 1;
         }
       }
@@ -917,6 +991,45 @@ static void at_state(const March *t, Step *o) {
   evaluate(t, o, 0);
 }
 
+/* Open a loop of a law at a reversal, or close the last one: origins of branches with their slopes. */
+static void remember(const March *t, const Step *o, int64_t l, int64_t following, double d, const Force *law) {
+  const int64_t q = t->q, before = t->state[l];
+  double *T = t->T + l * q, *F = t->began_slopes + l * q, *top = t->loops + 2 * t->memory * l;
+  double *slopes = t->loop_slopes + 2 * q * t->memory * l;
+  int64_t *open = t->open + l;
+  if (!((following ^ before) & BACKWARDS)) {
+    if (!(before & REVERSED)) return;
+    *open = *open <= FIRST_LOOPS ? 0 : *open - 2;
+    t->z[l] = top[2 * *open], t->began[l] = top[2 * *open + 1];
+    memcpy(T, slopes + 2 * q * *open, q * sizeof(double)), memcpy(F, slopes + 2 * q * *open + q, q * sizeof(double));
+    return;
+  }
+  if ((before & (SLIPPED | REVERSED)) == SLIPPED) { /* from where first loading would have come */
+    double by[SLOPES] = {0.0};
+    const double sign = sign_of(before), phi = all_slip(t->values + VALUES * l, by);
+    for (int k = 0; k < VALUES; k++) by[k] *= -sign;
+    slopes_of(t, o, l, 1.0, 0.0, 0.0, by, T);
+    t->z[l] = d - sign * phi;
+  }
+  double *reversal = o->moved; /* slopes of its deflection, and of its force */
+  const double none[SLOPES] = {0.0};
+  slopes_of(t, o, l, 1.0, 0.0, 0.0, none, reversal);
+  top += 2 * *open, slopes += 2 * q * *open;
+  top[0] = t->z[l], top[1] = t->began[l];
+  memcpy(slopes, T, q * sizeof(double)), memcpy(slopes + q, F, q * sizeof(double));
+  if (!(before & REVERSED)) { /* the mirror image of the branch */
+    top[2] = 2.0 * t->z[l] - d, top[3] = 0.0;
+    for (int64_t a = 0; a < q; a++) slopes[2 * q + a] = 2.0 * T[a] - reversal[a], slopes[3 * q + a] = 0.0;
+    ++*open;
+  }
+  ++*open;
+  double *of_force = o->Z + 2 * q;
+  slopes_of(t, o, l, law->d, law->v, law->z, law->p, of_force);
+  for (int64_t a = 0; a < q; a++) F[a] += of_force[a];
+  memcpy(T, reversal, q * sizeof(double));
+  t->z[l] = d, t->began[l] = law->f;
+}
+
 /* Change the regime of a law, with hidden states and sensitivities. */
 static void switched(const March *t, Step *o, const Event *event, int64_t step, double theta) {
   const int64_t n = t->n, nf = t->nf, nu = t->nu, nd = t->nd, q = t->q, l = event->law, row = t->places[l];
@@ -936,12 +1049,13 @@ static void switched(const March *t, Step *o, const Event *event, int64_t step, 
   for (int64_t a = 0; a < q; a++) shift[a] = rate != 0.0 ? -shift[a] / rate : 0.0;
   const int enters = t->codes[l] == 2 && g->following == 0;
   if (enters) {
-    const double kt = t->values[3 * l], fs = t->values[3 * l + 1];
-    const double by[SLOPES] = {before * fs / (kt * kt), -before / kt, 0.0, 0.0};
+    const double kt = t->values[VALUES * l], fs = t->values[VALUES * l + 1];
+    const double by[SLOPES] = {before * fs / (kt * kt), -before / kt};
     slopes_of(t, o, l, 1.0, 0.0, 0.0, by, hidden);
     for (int64_t a = 0; a < q; a++) hidden[a] += v * shift[a];
     t->z[l] = d - before * fs / kt;
   }
+  if (t->codes[l] == IWAN) remember(t, o, l, g->following, d, o->law + l);
   t->state[l] = g->following;
   memcpy(o->z, t->z, t->nl * sizeof(double));
   evaluate(t, o, 0);
@@ -966,6 +1080,8 @@ static int advanced(const March *t, Step *o, int64_t step) {
     const double begin = t->done[0], part = 1.0 - begin;
     int64_t regime = place_of(t);
     if (regime < 0) return NEEDS_REGIME;
+    for (int64_t l = 0; l < t->nl; l++)
+      if (t->open[l] + 2 > t->memory) return NEEDS_MEMORY;
     if ((status = solved(t, o, regime, step, begin, part))) return status;
     Event event = {0};
     if (!first_event(t, o, &event)) {
@@ -1014,7 +1130,7 @@ static void keep(const March *t, Step *o, int64_t sample) {
   for (int64_t l = 0; l < nl && q; l++) {
     const Force *law = o->law + l;
     slopes_of(t, o, l, law->d, law->v, law->z, law->p, o->Z);
-    for (int64_t a = 0; a < q; a++) out[t->places[l] * q + a] += o->Z[a];
+    for (int64_t a = 0; a < q; a++) out[t->places[l] * q + a] += o->Z[a] + t->began_slopes[l * q + a];
   }
 }
 

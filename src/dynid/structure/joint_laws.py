@@ -9,9 +9,10 @@ NumPy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -55,7 +56,9 @@ class Law:
     code: ClassVar[int] = 0  # the law's number in `native/march.c`; 0: NumPy alone has it
     hidden: ClassVar[bool] = False  # True if it has a hidden state
     preloaded: ClassVar[bool] = True  # True if an offset of the joint shifts its deflection
+    remembers: ClassVar[bool] = False  # True if its branches follow Masing's rules: see `nonlinear/memory.py`
     options: tuple[float, ...] = ()  # its numbers that are no parameters, as the march in C takes them
+    lowest: ClassVar[Mapping[str, float]] = MappingProxyType({})  # limits of unknowns that may be negative
 
     def force(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes:
         """Return the force on the joint's ends, positive where it resists a positive deflection."""
@@ -222,6 +225,106 @@ class Jenkins(Law):
 
     def cycle_work(self, p: Values, amplitude: float, omega: float, offset: float = 0.0) -> float:
         return 4 * p[1] * max(0.0, amplitude - p[1] / p[0])
+
+
+class Coulomb(Law):
+    """fs tanh(v/v0): dry friction whose jump at rest is spread over some v0."""
+
+    kind, names, units, code, preloaded = "coulomb", ("fs", "v0"), ("N", "m/s"), 5, False
+
+    def force(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes:
+        ratio = v / p[1]
+        tanh = np.tanh(ratio)
+        slope = p[0] / p[1] * (1 - tanh**2)
+        return Slopes(p[0] * tanh, v=slope, p=(tanh, -slope * ratio))
+
+
+class Backbone(NamedTuple):
+    """The force of first loading over a deflection u >= 0, its slope, and its slopes by the parameters."""
+
+    value: Any
+    slope: Any
+    p: tuple[Any, ...]
+
+
+class Iwan(Law):
+    """Sliders whose slip forces are distributed: D. J. Segalman, J. Appl. Mech. 72 (2005) 752–760.
+
+    First loading: ``kt u (1 - (u/phi)^(chi+1) / ((1+beta) (chi+2)))`` until all slip at fs, from the
+    deflection phi = fs (1+beta) / (kt (beta + (chi+1)/(chi+2))) on. After a reversal Masing's rules hold:
+    twice this curve from half the deflection. z is the deflection where the branch began.
+    """
+
+    kind, names, signed, code = "iwan", ("kt", "fs", "chi", "beta"), ("chi",), 6
+    units = ("N/m", "N", "", "")
+    hidden, preloaded, remembers = True, False, True
+    lowest = MappingProxyType({"chi": -0.99})
+
+    # Regimes: bit 0, the motion is backwards; bit 1, all slip, or did before; bit 2, since a reversal.
+    def slip(self, p: Values) -> tuple[float, tuple[float, ...]]:
+        """Return the deflection phi from which on all slip, and its slopes by the parameters."""
+        kt, fs, chi, beta = p
+        a = chi + 1
+        c = beta + a / (a + 1)
+        phi = fs * (1 + beta) / (kt * c)
+        return phi, (-phi / kt, phi / fs, -phi / ((a + 1) ** 2 * c), phi * (1 / (1 + beta) - 1 / c))
+
+    def backbone(self, p: Values, u: Any) -> Backbone:
+        """Return the force of first loading; a deflection beyond the regime continues smoothly."""
+        kt, _, chi, beta = p
+        phi, by = self.slip(p)
+        a, ratio = chi + 1, np.maximum(u, 0.0) / phi
+        w = ratio**a / ((1 + beta) * (a + 1))
+        log = np.log(np.where(ratio > 0, ratio, 1.0))
+        of_w = [-w * a * slope / phi for slope in by]
+        of_w[2] = of_w[2] + w * (log - 1 / (a + 1))
+        of_w[3] = of_w[3] - w / (1 + beta)
+        by_p = [-kt * u * slope for slope in of_w]
+        by_p[0] = by_p[0] + u * (1 - w)
+        return Backbone(kt * u * (1 - w), kt * (1 - w * (1 + a)), tuple(by_p))
+
+    def force(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Slopes:
+        s, scale = 1.0 - 2 * (regime & 1), 1.0 + (regime >> 2)
+        if regime & 6 == 2:
+            return Slopes(s * p[1] + 0.0 * d, p=(0.0, s, 0.0, 0.0))
+        f = self.backbone(p, s * (d - z) / scale)
+        return Slopes(scale * s * f.value, f.slope, 0.0, -f.slope, tuple(scale * s * slope for slope in f.p))
+
+    def regime(self, p: Values, d: float, v: float, z: float) -> int:
+        u = d - z
+        return int((u or v) < 0) | (2 if abs(u) >= self.slip(p)[0] and u * v > 0 else 0)
+
+    def guards(self, p: Values, regime: int, d: Any, v: Any, z: Any) -> Sequence[Guard]:
+        s = 1.0 - 2 * (regime & 1)
+        reversal = Guard(Slopes(s * v, v=s, p=(0.0,) * 4), (regime ^ 1) | 4)
+        if regime & 6:
+            return (reversal,)
+        phi, by = self.slip(p)
+        return reversal, Guard(Slopes(phi - s * (d - z), -s, 0.0, s, by), regime | 2)
+
+    def tangent(self, p: Values, regime: int) -> tuple[float, float]:
+        return (0.0 if regime & 6 == 2 else p[0]), 0.0
+
+    def entered(self, p: Values, before: int, after: int, d: float, z: float) -> Slopes | None:
+        if before & 6 != 2:
+            return None
+        s, (phi, by) = 1.0 - 2 * (before & 1), self.slip(p)  # from where first loading would have come
+        return Slopes(d - s * phi, 1.0, p=tuple(-s * slope for slope in by))
+
+    def range_of_hidden(self, p: Values, d: float) -> tuple[float, float]:
+        return d, self.slip(p)[0]
+
+    def cycle_work(self, p: Values, amplitude: float, omega: float, offset: float = 0.0) -> float:
+        kt, fs, chi, beta = p
+        phi, a = self.slip(p)[0], chi + 1
+        u = min(amplitude, phi)
+        work = 4 * kt * u**2 * (u / phi) ** a * a / ((1 + beta) * (a + 1) * (a + 2))
+        return work + 4 * fs * (amplitude - u)
+
+    def fault(self, p: Sequence[float | None]) -> str:
+        if p[2] is not None and p[2] <= -1:
+            return "a 'chi' of -1 or less: the sliders have no stiffness together; give more than -1"
+        return ""
 
 
 class BoucWen(Law):
@@ -428,7 +531,8 @@ class ExpressionLaw(Law):
 
 
 LAWS: dict[str, type[Law]] = {
-    law.kind: law for law in (Power, Cubic, QuadraticDamping, Jenkins, BoucWen, Gap, ExpressionLaw)
+    law.kind: law
+    for law in (Power, Cubic, QuadraticDamping, Coulomb, Jenkins, Iwan, BoucWen, Gap, ExpressionLaw)
 }
 """The laws by their kinds."""
 

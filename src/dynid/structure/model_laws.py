@@ -36,7 +36,10 @@ def law_unknowns(joints: Sequence[Joint], kind: Callable[[Label], str]) -> tuple
                 unit = "" if "unknown" in kinds or place >= len(units) else units[place]
                 unit = angular(unit) if kinds == {"rotation"} else unit
                 scale: Literal["log", "linear"] = "linear" if parameter.signed else "log"
-                numbers = parameter.start, parameter.true, parameter.low, parameter.high, parameter.prior
+                low = parameter.low
+                if low is None and item is not None:
+                    low = item.law.lowest.get(item.law.names[place])
+                numbers = parameter.start, parameter.true, low, parameter.high, parameter.prior
                 unknowns.append(Parameter(name, *numbers, scale=scale, unit=unit, spread=parameter.spread))
     return tuple(unknowns)
 

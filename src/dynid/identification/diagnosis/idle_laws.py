@@ -14,7 +14,7 @@ from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.nonlinear_record import NonlinearRecord
 from dynid.identification.likelihood.record_likelihood import RecordFit
 from dynid.number_format import short_percent
-from dynid.structure.joint_laws import Gap, Jenkins, Law
+from dynid.structure.joint_laws import Gap, Iwan, Jenkins, Law
 
 
 def idle_laws(likelihood: Likelihood, fit: Fit) -> Iterator[str]:
@@ -28,6 +28,9 @@ def idle_laws(likelihood: Likelihood, fit: Fit) -> Iterator[str]:
         if not 0 < ratio < 1:
             continue
         does, limit, unknown = ("never slips", "the slip force", f"{name}.fs")
+        if isinstance(law, Iwan):
+            does, limit = "never slips as a whole", "the deflection where it does"
+            unknown = f"{name}.fs and beta"
         if isinstance(law, Gap):
             does, limit, unknown = ("never closes", "the clearance", f"{name}.kg and clearance")
         records = "this record" if len(likelihood.records) == 1 else "these records"
@@ -47,6 +50,10 @@ def _reached(record: NonlinearRecord, fit: RecordFit) -> Iterator[tuple[tuple[st
         if isinstance(bound.law, Jenkins):
             kt, fs = bound.values
             yield (name, place), (float(np.abs(kt * (d - first)).max()) / fs, bound.law)
+        elif isinstance(bound.law, Iwan):
+            # Since the last reversal: a loop from peak to peak is half as wide as first loading.
+            reach = max(float(np.abs(d - first).max()), float(np.ptp(d)) / 2)
+            yield (name, place), (reach / bound.law.slip(bound.values)[0], bound.law)
         elif isinstance(bound.law, Gap):
             shifted, clearance = d + bound.offset, max(bound.values[1], np.finfo(float).tiny)
             ratio = max(float((side * shifted).max()) for side in bound.law.sides) / clearance

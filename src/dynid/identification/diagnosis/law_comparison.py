@@ -48,6 +48,12 @@ _GROWING = (8, 2)
 _STIFFNESS_RATIOS, _SLIP_RATIOS = (0.1, 0.4), (0.2, 0.6)
 # Clearances that are tried, over the largest deflection.
 _CLEARANCE_RATIOS = (0.4, 0.8)
+# Speeds at which friction has turned over, over that of the joint.
+_SPEED_RATIOS = (0.1, 0.5)
+# chi and beta of distributed sliders: between those of measured lap joints and of equal ones.
+_FIRST_DISTRIBUTION = (-0.5, 0.5)
+# Laws that take over a part of the joint's stiffness until they slip.
+_HYSTERETIC = ("jenkins", "iwan", "bouc_wen")
 # First force of a smooth law, over that of the spring; it is nearly a linear parameter.
 _FIRST_FORCE = 0.02
 
@@ -117,10 +123,10 @@ class _Seen(NamedTuple):
     speed: float
     stiffness: float
 
-    @property
-    def damper(self) -> float:
-        """The damper that dissipates as the first quadratic one does: 8 c2 v / (3 pi)."""
-        return 8 / (3 * math.pi) * _FIRST_FORCE * self.stiffness * self.amplitude / self.speed
+    def damper(self, kind: str, ratio: float) -> float:
+        """Return the damper that dissipates as the first law does: 8 c2 v / (3 pi), 4 fs / (pi v)."""
+        share = {"quadratic_damping": 8 / (3 * math.pi), "coulomb": 4 / math.pi}.get(kind, 0.0)
+        return share * ratio * self.stiffness * self.amplitude / self.speed
 
 
 class _Maximum(NamedTuple):
@@ -326,8 +332,7 @@ class _Comparison:
                 if stated[k]:
                     continue
                 spring = seen[k].stiffness * _shared_stiffness(kind, *scale)
-                damper = seen[k].damper if kind == "quadratic_damping" else 0.0
-                for letter, part in (("k", spring), ("c", damper)):
+                for letter, part in (("k", spring), ("c", seen[k].damper(kind, scale[0]))):
                     if (name := _parameter_name(joint, letter)) in values:
                         values[name] = max(values[name] - part, values[name] / 10)
             likelihood = self.candidate(joints)
@@ -381,10 +386,14 @@ def _parameter_name(joint: Joint, letter: str) -> str:
 
 def _starts(kind: str) -> Iterator[tuple[float, float]]:
     """Yield pairs of ratios that the starts of a kind of law follow from."""
-    if kind in ("jenkins", "bouc_wen"):
+    if kind in _HYSTERETIC:
         yield from ((stiffness, slip) for stiffness in _STIFFNESS_RATIOS for slip in _SLIP_RATIOS)
     elif kind == "gap":
         yield from ((stiffness, ratio) for stiffness in _STIFFNESS_RATIOS for ratio in _CLEARANCE_RATIOS)
+    elif kind == "coulomb":
+        yield from (
+            (force, speed) for force in (_FIRST_FORCE, _STIFFNESS_RATIOS[0]) for speed in _SPEED_RATIOS
+        )
     else:
         yield (_FIRST_FORCE, 0.0)
 
@@ -392,9 +401,9 @@ def _starts(kind: str) -> Iterator[tuple[float, float]]:
 def _shared_stiffness(kind: str, ratio: float, slip: float) -> float:
     """Return the part of the stiffness that a law takes over at the amplitude of the linear fit.
 
-    Of a slider by its describing function, of which hysteresis of Bouc and Wen is the smooth counterpart.
+    Of a slider by its describing function, of which Iwan and Bouc–Wen are smooth counterparts.
     """
-    if kind not in ("jenkins", "bouc_wen"):
+    if kind not in _HYSTERETIC:
         return 0.0
     angle = math.acos(1 - 2 * slip)
     return ratio * (angle - math.sin(angle) * math.cos(angle)) / math.pi
@@ -406,7 +415,9 @@ def _law(kind: str, seen: _Seen, ratio: float, part: float) -> tuple[JointLaw, .
     starts: dict[str, Callable[[], tuple[float, ...]]] = {
         "cubic": lambda: (ratio * k / d**2,),
         "quadratic_damping": lambda: (ratio * k * d / seen.speed**2,),
+        "coulomb": lambda: (ratio * k * d, part * seen.speed),
         "jenkins": lambda: (ratio * k, part * ratio * k * d),
+        "iwan": lambda: (ratio * k, part * ratio * k * d, *_FIRST_DISTRIBUTION),
         "bouc_wen": lambda: (ratio * k, 1 / (part * d), 0.2 / (part * d)),
         "gap": lambda: (ratio * k, part * seen.peak),
     }

@@ -58,7 +58,18 @@ _OPTIONS = {
 _ROBUST = ("auto", "output-error")
 
 
-LawKind = Literal["linear", "power", "cubic", "quadratic_damping", "jenkins", "bouc_wen", "gap", "expression"]
+LawKind = Literal[
+    "linear",
+    "power",
+    "cubic",
+    "quadratic_damping",
+    "coulomb",
+    "jenkins",
+    "iwan",
+    "bouc_wen",
+    "gap",
+    "expression",
+]
 """A candidate for the law of a joint; ``linear``: none."""
 
 

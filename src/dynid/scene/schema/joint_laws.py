@@ -13,6 +13,7 @@ from pydantic import (
     PlainValidator,
     ValidationInfo,
     WithJsonSchema,
+    field_validator,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -87,6 +88,32 @@ class QuadraticDampingLaw(_LawModel):
 
     kind: Literal["quadratic_damping"]
     c2: _PositiveLawValue
+
+
+class CoulombLaw(_LawModel):
+    """``fs tanh(v/v0)``."""
+
+    kind: Literal["coulomb"]
+    fs: _PositiveLawValue
+    v0: _PositiveLawValue
+
+
+class IwanLaw(_LawModel):
+    """Sliders whose slip forces are distributed, by four parameters."""
+
+    kind: Literal["iwan"]
+    kt: _PositiveLawValue
+    fs: _PositiveLawValue
+    chi: LawValue
+    beta: _LawValueOrZero
+
+    @field_validator("chi")
+    @classmethod
+    def _is_integrable(cls, chi: LawParameterModel) -> LawParameterModel:
+        for number in chi.numbers.values():
+            if number <= -1:
+                raise fault(f"{number:g} is not above -1; there the sliders would have no stiffness together")
+        return chi
 
 
 class JenkinsLaw(_LawModel):

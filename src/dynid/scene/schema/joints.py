@@ -221,12 +221,15 @@ def kind(raw: Any) -> Any:
 
 
 _MODULE = "dynid.scene.schema.joint_laws"
+_NOT_PRELOADED = ("jenkins", "bouc_wen", "iwan", "coulomb")
 _Law = Annotated[
     Annotated[Any, Later(f"{_MODULE}:PowerLaw"), Tag("power")]
     | Annotated[Any, Later(f"{_MODULE}:CubicLaw"), Tag("cubic")]
     | Annotated[Any, Later(f"{_MODULE}:QuadraticDampingLaw"), Tag("quadratic_damping")]
     | Annotated[Any, Later(f"{_MODULE}:JenkinsLaw"), Tag("jenkins")]
     | Annotated[Any, Later(f"{_MODULE}:BoucWenLaw"), Tag("bouc_wen")]
+    | Annotated[Any, Later(f"{_MODULE}:IwanLaw"), Tag("iwan")]
+    | Annotated[Any, Later(f"{_MODULE}:CoulombLaw"), Tag("coulomb")]
     | Annotated[Any, Later(f"{_MODULE}:GapLaw"), Tag("gap")]
     | Annotated[Any, Later(f"{_MODULE}:ExpressionLaw"), Tag("expression")],
     Discriminator(kind),
@@ -279,7 +282,7 @@ class JointModel(LinkModel):
         """Refuse laws that do not suit the ends, and an offset without a law that it shifts."""
         if self.laws and len(self.dofs) > 2:
             raise fault(f"laws act on one deflection, and 'dofs' names {len(self.dofs)}; it takes one or two")
-        if self.offset is not None and not any(law.kind not in ("jenkins", "bouc_wen") for law in self.laws):
+        if self.offset is not None and all(law.kind in _NOT_PRELOADED for law in self.laws):
             raise fault(
                 "the 'offset' shifts no law here: sliders and hysteresis have a preload in their hidden state"
             )

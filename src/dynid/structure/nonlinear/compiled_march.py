@@ -33,9 +33,11 @@ from dynid.structure.nonlinear.tables import (
 )
 
 # What `dynid_march` returns.
-_DONE, _NEEDS_REGIME, _NOT_DIAGONAL = 0, 1, 2
-# Parameters of a law, without its offset; numbers of it that are no parameters.
-_PARAMETERS, _OPTIONS = 3, 6
+_DONE, _NEEDS_REGIME, _NOT_DIAGONAL, _NEEDS_MEMORY = 0, 1, 2, 4
+# Parameters of a law; its slopes by these and, the last, by its offset; numbers of it that are no parameters.
+_PARAMETERS, _SLOPES, _OPTIONS = 4, 6, 6
+# Reversals that a law remembers at first; the room is doubled where there are more.
+_MEMORY = 16
 
 
 def _plain(array: Any) -> Array:
@@ -73,8 +75,12 @@ def march(
     state: dict[str, Any] = {
         "x": x0.copy(), "z": z0.copy(), "S": S, "T": T, "work": np.zeros(nf + 4), "done": np.zeros(1),
         "wanted": np.zeros(2 * nf), "state": np.array(first_regimes(rest, laws, x0, z0), dtype=np.int64),
-        "at": np.zeros(4, dtype=np.int64),
+        "at": np.zeros(4, dtype=np.int64), "open": np.zeros(nl, dtype=np.int64),
+        "began": np.zeros(nl), "began_slopes": np.zeros((nl, q)),
     }  # fmt: skip
+    remembers = any(law.law.remembers for law in laws)
+    loops: dict[str, Any] = {"loops": np.zeros((nl, 2 * _MEMORY))}
+    loops["loop_slopes"] = np.zeros((nl, 2 * _MEMORY, q if remembers else 0))
     out: dict[str, Any] = {
         "states": np.empty((samples, n)), "hidden": np.empty((samples, nl)),
         "forces": np.empty((samples, nf)), "works": np.empty((samples, nf + 2)),
@@ -90,10 +96,10 @@ def march(
         "values": [_padded(law.values, _PARAMETERS) for law in laws],
         "offsets": [law.offset for law in laws],
         "statics": [
-            [float(law.static.value), float(law.static.d), *_padded([float(s) for s in law.static.p], 3)]
-            for law in laws
+            [float(f.value), float(f.d), *_padded([float(s) for s in f.p], _PARAMETERS)]
+            for f in (law.static for law in laws)
         ],
-        "by_laws": np.zeros((nl, _PARAMETERS + 1, p)),
+        "by_laws": np.zeros((nl, _SLOPES, p)),
         "by_rows": np.zeros(0), "by_loads": np.zeros(0), "by_forces": np.zeros(0),
         "h": lengths, "fades": np.exp(-regimes.fading(state["state"].tolist()) * lengths),
         "coefficients": steps.coefficients, "nodes": c, "basis": L, "integrals": integrals,
@@ -116,14 +122,20 @@ def march(
     while True:
         members = structure(
             n=n, nf=nf, nu=rest.loads, nd=rest.D.shape[1], nr=len(rest.all_rows), ns=len(rest.rows), nl=nl,
-            q=q, p=p, m=tables.pop("m"), steps=last, lengths=len(lengths), regimes=len(entered),
-            scans=len(SCAN), impulse=-1 if impulse is None else impulse[0], **fixed, **tables, **state, **out,
+            q=q, p=p, m=tables["lam"].shape[1] // 2, steps=last, lengths=len(lengths), regimes=len(entered),
+            scans=len(SCAN), impulse=-1 if impulse is None else impulse[0],
+            memory=loops["loops"].shape[1] // 2, **fixed, **tables, **state, **loops, **out,
         )  # fmt: skip
         status = call("dynid_march", members)
         if status == _DONE:
             break
         if status == _NOT_DIAGONAL:
             return None
+        if status == _NEEDS_MEMORY:
+            loops = {
+                name: np.concatenate([room, np.zeros_like(room)], axis=1) for name, room in loops.items()
+            }
+            continue
         if status != _NEEDS_REGIME:
             raise Refine("the joint forces of a step do not converge, or their regimes change without end")
         entered.append(regimes.folding(state["wanted"][:nf].copy(), state["wanted"][nf:].copy()))
@@ -162,7 +174,7 @@ def _tables(rest: LinearRest, regimes: Sequence[Regime], lengths: Array) -> dict
         modes["RV"][index, :, :count] = rows @ V
     arrays |= {name: array.view(float) for name, array in modes.items()}
     diagonal = np.array([regime.modes is not None for regime in regimes], dtype=np.int64)
-    return {"m": m, **{name: _plain(array) for name, array in arrays.items()}, "diagonal": diagonal}
+    return {**{name: _plain(array) for name, array in arrays.items()}, "diagonal": diagonal}
 
 
 def _grouped(rest: LinearRest, forces: Array, loads: Array) -> Array:

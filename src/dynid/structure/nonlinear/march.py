@@ -14,13 +14,14 @@ matrix; where the force jumps at an event they jump as well (saltation).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dynid.arrays import Array
 from dynid.native import compiled
-from dynid.structure.joint_laws import BoundLaw, Slopes
+from dynid.structure.joint_laws import BoundLaw, Guard, Slopes
+from dynid.structure.nonlinear.memory import Memory, Origin
 from dynid.structure.nonlinear.step import MarchState, Step
 from dynid.structure.nonlinear.tables import (
     NODES,
@@ -52,10 +53,15 @@ class _March(MarchState):
     def guards(self, w: Array, z: Array) -> list[tuple[int, int, Array]]:
         """Return law, following regime and values of the guards at points with rows w, hidden states z."""
         nf, out = self.rest.forces, []
-        for index, (law, regime) in enumerate(zip(self.laws, self.regimes, strict=True)):
-            for guard in law.guards(regime, w[:, law.row], w[:, nf + law.row], z[:, index]):
+        for index, law in enumerate(self.laws):
+            for guard in self.guards_of(index, w[:, law.row], w[:, nf + law.row], z[:, index]):
                 out.append((index, guard.following, np.broadcast_to(guard.function.value, len(w))))
         return out
+
+    def guards_of(self, index: int, d: Any, v: Any, z: Any) -> list[Guard]:
+        """Return the guards of a law, and of its open loop."""
+        law, regime = self.laws[index], self.regimes[index]
+        return [*law.guards(regime, d, v, z), *self.memory.closing(index, regime, d)]
 
     def begun(self, step: Step) -> list[tuple[float, bool]]:
         """Return the round-off of the guards within a step, and whether they rise from 0 to the first node.
@@ -63,10 +69,10 @@ class _March(MarchState):
         Before that node these are positive, whatever the polynomials say.
         """
         nf, out = self.rest.forces, []
-        for index, (law, regime) in enumerate(zip(self.laws, self.regimes, strict=True)):
+        for index, law in enumerate(self.laws):
             d, v, z = step.w[:, law.row], step.w[:, nf + law.row], step.z[:, index]
             sizes = max(np.abs(d).max(), abs(law.offset)), np.abs(v).max(), np.abs(z).max()
-            for guard in law.guards(regime, d[:2], v[:2], z[:2]):
+            for guard in self.guards_of(index, d[:2], v[:2], z[:2]):
                 f = guard.function
                 slopes = (np.abs(s).max() for s in (f.d, f.v, f.z))
                 round_off = _GUARD_ROUND_OFF * sum(s * x for s, x in zip(slopes, sizes, strict=True))
@@ -78,12 +84,13 @@ class _March(MarchState):
 
     def first_event(self, step: Step) -> _Event | None:
         """Return the earliest event of a step, located on the polynomials through its nodes."""
-        if not any(law.guards(r, 0.0, 0.0, 0.0) for law, r in zip(self.laws, self.regimes, strict=True)):
+        if not any(self.guards_of(index, 0.0, 0.0, 0.0) for index in range(len(self.laws))):
             return None
         c, L, _ = lobatto()
         V = np.vander(SCAN, NODES, increasing=True) @ L.T
         event: _Event | None = None
-        guards = zip(self.guards(V @ step.w, V @ step.z), self.begun(step), strict=True)
+        begun = self.begun(step)
+        guards = zip(self.guards(V @ step.w, V @ step.z), begun, strict=True)
         for number, ((index, following, values), (round_off, rises)) in enumerate(guards):
             negative = np.flatnonzero((values < -round_off) & ~(rises & (c[1] > SCAN)))
             if not len(negative) or (event and SCAN[negative[0]] > event.high):
@@ -92,6 +99,21 @@ class _March(MarchState):
             theta = self._root(step, number, low, float(SCAN[negative[0]]))
             if event is None or theta < event.theta:
                 event = _Event(theta, index, following, number, float(SCAN[negative[0]]))
+        return event and self._before(step, event, begun)
+
+    def _before(self, step: Step, event: _Event, begun: Sequence[tuple[float, bool]]) -> _Event:
+        """Return the event, or that of a guard of its law which is negative there, though not at the scan."""
+        low = float(SCAN[event.high > SCAN].max(initial=0.0))
+        basis = event.theta ** np.arange(NODES) @ lobatto()[1].T
+        guards = self.guards((basis @ step.w)[None], (basis @ step.z)[None])
+        for number, (index, following, value) in enumerate(guards):
+            round_off, rises = begun[number]
+            if index != event.law or number == event.number or not value[0] < -round_off:
+                continue
+            if not (rises and event.theta < lobatto()[0][1]):
+                event = _Event(
+                    self._root(step, number, low, event.theta), index, following, number, event.high
+                )
         return event
 
     def guard_at(self, step: Step, number: int, theta: float) -> float:
@@ -125,7 +147,7 @@ class _March(MarchState):
         w = self.rest.rows @ self.x
         d, v, z = float(w[law.row]), float(w[nf + law.row]), float(self.z[event.law])
         f = self.forces(w[None], self.z[None])
-        guards = law.guards(before, d, v, z)
+        guards = self.guards_of(event.law, d, v, z)
         function = next(guard.function for guard in guards if guard.following == event.following)
         hidden = law.entered(before, event.following, d, z)
         W, q = self.rest.rows @ self.S, self.S.shape[1]
@@ -141,23 +163,40 @@ class _March(MarchState):
         acceleration = self.rest.rows[nf + law.row] @ (
             self.rest.A @ self.x + self.rest.D[:, :nf] @ f.value[0] + self.rest.D[:, nf : nf + len(u)] @ u
         )
-        moved = total(function)
+        moved, force = total(function), law.force(before, d, v, z)
         rate = function.d * v + function.v * acceleration + function.z * f.rate[0, event.law]
         shift = -moved / rate if rate else np.zeros(q)  # of the event's time
         if hidden is not None:
             T = total(hidden) + (hidden.d * v + hidden.v * acceleration) * shift
             self.z = self.z.copy()
             self.z[event.law] = hidden.value
+            self.T = self.T.copy()
+            self.T[event.law] = T
+        if law.law.remembers:
+            slopes = total(force) + self.memory.F[event.law]
+            reversal = Origin(d, float(force.value) + self.memory.f[event.law], W[law.row], slopes)
+            self._remember(event, before, reversal)
         self.regimes[event.law] = event.following
         after = self.forces(w[None], self.z[None])
         if q:
             jump = f.value[0] - after.value[0]
             if np.abs(jump).max(initial=0.0) > 1e-9 * (np.abs(f.value).max() + np.abs(after.value).max()):
                 self.S = self.S + np.outer(self.rest.D[:, :nf] @ jump, shift)
-            if hidden is not None:
-                self.T = self.T.copy()
-                self.T[event.law] = T
         self.events += 1
+
+    def _remember(self, event: _Event, before: int, reversal: Origin) -> None:
+        """Open a loop of a law at a reversal, or close the last one."""
+        law = event.law
+        if (event.following ^ before) & 1:
+            branch = Origin(float(self.z[law]), self.memory.f[law], self.T[law], self.memory.F[law].copy())
+            self.memory.reverse(law, first=not before & 4, branch=branch, reversal=reversal)
+            began = reversal
+        elif before & 4:
+            began = self.memory.close(law)
+        else:
+            return
+        self.z, self.T = self.z.copy(), self.T.copy()
+        self.z[law], self.T[law] = began.d, began.D
 
     def advance(self, index: int, h: float) -> None:
         """Go over a regular step, from event to event."""
@@ -247,8 +286,9 @@ def march(
         S[:, p : p + n], T[:, p + n :] = np.eye(n), np.eye(len(laws))
     nf, regimes = rest.forces, first_regimes(rest, laws, x0, z0)
     state = _March(
-        kept, steps, columns, x0.copy(), z0.copy(), regimes, S, T, np.zeros(nf + 2), kept.fading(regimes)
-    )
+        kept, steps, columns, x0.copy(), z0.copy(), regimes, S, T, Memory(len(laws), q), np.zeros(nf + 2),
+        kept.fading(regimes),
+    )  # fmt: skip
     samples, shapes = (
         len(steps.samples),
         ((n,), (len(laws),), (nf,), (len(laws),), (nf + 2,), (n, q), (nf, q), (len(laws), q)),

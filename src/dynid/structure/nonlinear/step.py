@@ -10,6 +10,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.nonlinear.memory import Memory
 from dynid.structure.nonlinear.tables import (
     NODES,
     Columns,
@@ -71,6 +72,7 @@ class MarchState:
     regimes: list[int]
     S: Array  # slopes of the state (n x q)
     T: Array  # slopes of the hidden states (laws x q)
+    memory: Memory
     work: Array  # done on the laws (nf), J
     fading: float  # rate at which errors fade, 1/s
     before: Step | None = None
@@ -103,7 +105,7 @@ class MarchState:
         for index, (law, regime) in enumerate(zip(self.laws, self.regimes, strict=True)):
             d, v, hidden = w[:, law.row], w[:, nf + law.row], z[:, index]
             force, rate = law.force(regime, d, v, hidden), law.rate(regime, d, v, hidden)
-            f.value[:, law.row] += force.value
+            f.value[:, law.row] += force.value + self.memory.f[index]
             f.d[:, law.row] += force.d
             f.v[:, law.row] += force.v
             f.z[:, law.row, index] += force.z
@@ -221,6 +223,12 @@ class MarchState:
                 rates[:, index] += np.multiply.outer(np.broadcast_to(slope, NODES), by[k])
         return further, forces, rates
 
+    def _began(self) -> Array:
+        """Return the slopes of the forces at which the branches of the laws began (nf x q)."""
+        out = np.zeros((self.rest.forces, self.S.shape[1]))
+        np.add.at(out, [law.row for law in self.laws], self.memory.F)
+        return out
+
     def _sensitivities(self, step: Step) -> None:
         """Solve the variational equation over a step."""
         tables, f, nf, nu = step.tables, step.f, self.rest.forces, self.rest.loads
@@ -228,12 +236,14 @@ class MarchState:
         regime, a = self.regime, lobatto()[2] * tables.h
         R = tables.influence[..., :nf]
         direct, direct_rate = np.zeros((NODES, nf, q)), np.zeros((NODES, len(self.laws), q))
+        direct += self._began()
         W = np.empty((NODES, len(regime.R), q))
         W[0], W[1:] = regime.R @ self.S, tables.rows @ self.S
         further = np.zeros((NODES, self.rest.D.shape[1] - nf - nu, q))
         if self.columns is not None:
             p = self.columns.by_rows.shape[0]
-            further[..., :p], direct[..., :p], direct_rate[..., :p] = self._column_forces(step)
+            further[..., :p], forces, direct_rate[..., :p] = self._column_forces(step)
+            direct[..., :p] += forces
             W[1:] += np.einsum("erjx,jxq->erq", tables.influence[..., nf:], further)
 
         def force(W: Array, Z: Array, nodes: slice) -> Array:
@@ -275,6 +285,7 @@ class MarchState:
         f = self.forces(w[None], self.z[None])
         W = self.rest.rows @ self.S
         slopes = f.d[0][:, None] * W[:nf] + f.v[0][:, None] * W[nf : 2 * nf] + f.z[0] @ self.T
+        slopes += self._began()
         if self.columns is not None:
             for law, by, p in zip(self.laws, self.columns.laws, f.p, strict=True):
                 for k, slope in enumerate(p):
