@@ -346,7 +346,9 @@ def _labels_beyond(scene, result):
     if scene.kind == "bond-graph" and scene.model.design is None and scene.model.operating_point is None:
         exact = {"step": "bond_graph/"}
     if scene.kind == "identification":
-        listed = scene.model.responses is not None and scene.model.responses.modes is not None
+        listed = (
+            scene.model.structure_analysis is not None and scene.model.structure_analysis.modes is not None
+        )
         exact = {"mode": ("structure/modes",) * listed + ("identification/modes",)}
         exact["direction"] = "identification/"
     yield from ((path, dim, len(labels) + 1) for path, dim, labels in _labels_of(result, exact))

@@ -212,3 +212,46 @@ analysis: {outputs: [{dof: w_3}], time: {step: 0.005, stop: 0.05}}
     assert joints["structure/joints/rate"] == "rad/s"
     assert joints["structure/joints/force"] == "N.m"
     assert joints["structure/joints/work"] == "J"
+
+
+_STEADY = """
+dynid: 1
+kind: identification
+structure: {lumped: {masses: [1], links: [{dofs: [1], k: 1000, c: 2}]}}
+joints: {j: {dofs: [1], laws: [{kind: cubic, k3: 1.0e5}]}}
+responses:
+  harmonic_balance: {dof: 1, amplitude: 1, start: 4, stop: 6, unit: Hz}
+"""
+
+
+def steady(folder, *change):
+    (folder / "scene.yaml").write_text(_STEADY.replace(*change) if change else _STEADY)
+    return load_scene(folder / "scene.yaml")
+
+
+def test_steady_states_are_requested_in_a_scene(tmp_path):
+    from dynid.report.content.responses import steady_sections
+    from dynid.report.figure import figures
+
+    result = dynid.run(steady(tmp_path))
+    omega = result["response/harmonic_balance/omega"].data
+    assert omega[[0, -1]] == pytest.approx(2 * np.pi * np.array([4, 6]))
+    assert result["response/harmonic_balance/amplitude"].units == "m"
+    (section,) = steady_sections(result)
+    assert "under the force 1 cos ωt at 1" in str(section)
+    assert "0 folds of the curve, 0 unstable states" in str(section)
+    (figure,) = (figure for figure in figures(result) if figure.name == "steady-states")
+    assert figure.table.columns[-1] == "stable"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("stop: 6", "stop: 4"), "'start' and 'stop' are the same frequency"),
+        (("dof: 1, amplitude", "dof: 3, amplitude"), "no DOF 3|there is no DOF"),
+        (("amplitude: 1,", "amplitude: 0,"), "0 is not positive"),
+    ],
+)
+def test_steady_states_that_make_no_sense_are_refused(tmp_path, change, message):
+    with pytest.raises(SceneError, match=message):
+        steady(tmp_path, *change)

@@ -215,6 +215,7 @@ FAMILIES: tuple[_FigureFamily, ...] = (
         f"{_DIAGRAMS}.responses:time_responses",
         paths=("bond_graph/time_response/", "structure/time_response/"),
     ),
+    _FigureFamily(f"{_DIAGRAMS}.responses:steady_states", paths=("response/",)),
     _FigureFamily(
         f"{_DIAGRAMS}.identification:joint_figures", paths=("structure/joints/", "identification/joints/")
     ),
@@ -276,6 +277,7 @@ _LEADING = {
         "prediction",
         "measured-modes",
         "correlation",
+        "steady-states",
         "bode",
         "time-response",
         "modes",

@@ -172,7 +172,7 @@ def response(scene: Scene[IdentificationScene]) -> Aspect:
 def _modes_of(scene: Scene[IdentificationScene]) -> Aspect:
     """Return the solvers of the requested modes."""
     structure, values = responding_structure(scene)
-    requested = scene.model.responses
+    requested = scene.model.structure_analysis
     assert requested is not None
     assert requested.modes is not None
     return solvers(structure, *which_modes(requested.modes), values)

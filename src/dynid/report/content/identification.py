@@ -33,6 +33,7 @@ from dynid.report.content.responses import (
     modal_sections,
     modal_summary,
     response_sections,
+    steady_sections,
 )
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
@@ -91,6 +92,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if "structure/modes/omega" in result:
         yield _computed_modes(result)
     yield from response_sections(result, "structure")
+    yield from steady_sections(result)
     if "bond_graph" in result.group_attrs:
         from dynid.report.content.bond_graph import sections as graph_sections
 

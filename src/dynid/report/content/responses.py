@@ -124,6 +124,30 @@ def derived_sections(result: Result) -> Iterator[ReportSection]:
         yield ReportSection("What follows from the estimate", blocks, "answer", screen="")
 
 
+#: Group of the steady states in a result.
+STEADY = "response/harmonic_balance"
+
+
+def steady_sections(result: Result) -> Iterator[ReportSection]:
+    """Yield what a curve of steady states shows: its peak, its folds, how many states are unstable."""
+    if f"{STEADY}/omega" not in result:
+        return
+    unit, about = frequency_unit(result), result.group_attrs[STEADY]
+    omega, amplitude = (result[f"{STEADY}/{name}"] for name in ("omega", "amplitude"))
+    top = int(amplitude.data.argmax())
+    said = (
+        f"displacement of {about['output']} under the force {general(about['force'])} cos ωt at "
+        f"{about['dof']}: "
+        f"{counted(len(omega.data), 'steady state')}, largest amplitude {general(amplitude.data[top])} "
+        f"{amplitude.units} at {general(unit.factor * omega.data[top])} {unit.name}"
+    )
+    rows = [said, f"{counted(int(about['folds']), 'fold')} of the curve"]
+    if f"{STEADY}/stable" in result:
+        unstable = int(np.count_nonzero(~result[f"{STEADY}/stable"].data))
+        rows[-1] += f", {counted(unstable, 'unstable state')}"
+    yield ReportSection("Steady states", tuple(map(Statement, rows)), "answer", screen="")
+
+
 #: Most channels and outputs on a screen, and on a page.
 _BRIEF, _MOST = 12, 30
 #: Part of the largest value of a response below which a value is round-off.

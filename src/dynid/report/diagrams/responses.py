@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from dynid.arrays import Array, ComplexArray
 from dynid.report.content.design import DESIGN
-from dynid.report.content.responses import DERIVED, is_requested
+from dynid.report.content.responses import DERIVED, STEADY, is_requested
 from dynid.report.figure import Figure, table_of
 from dynid.report.notation import approximation, frequency_label, in_decibels, labelled, short
 from dynid.report.plot import (
@@ -104,6 +104,33 @@ def figures(result: Result) -> Iterator[Figure]:
             shown = [(name, variable.data) for name, variable in groups]
             draw = partial(bode, about, at, shown, groups[0][1].units, "impedance")
             yield Figure("port-impedances", "Impedances at the port", draw)
+
+
+def steady_states(result: Result) -> Iterator[Figure]:
+    """Yield the amplitudes of steady states over the frequency, unstable ones dashed."""
+    if f"{STEADY}/omega" in result:
+        yield Figure("steady-states", "Steady states under a sine", partial(_steady_curve, result))
+
+
+def _steady_curve(result: Result) -> Chart:
+    at, amplitude = frequencies(result, f"{STEADY}/omega"), result[f"{STEADY}/amplitude"]
+    stable = np.ones(len(at.omega), dtype=bool)
+    if f"{STEADY}/stable" in result:
+        stable = result[f"{STEADY}/stable"].data
+    about, layers = result.group_attrs[STEADY], list[Layer]()
+    for label, here, dashed in (("stable", stable, False), ("unstable", ~stable, True)):
+        joined = here.copy()  # each branch begins at the last point of the one before
+        joined[1:] |= here[:-1] if dashed else False
+        joined[:-1] |= here[1:] if dashed else False
+        if here.any():
+            shown = np.where(joined, amplitude.data, np.nan)
+            path = np.arange(1, len(stable) + 1)
+            cls = series_class(0) + " dashed" * dashed
+            layers.append(Curve(at.shown, shown, label, cls, along=path))
+    up = PlotAxis(labelled(f"amplitude of {about['output']}", amplitude.units))
+    said = f"Half of the peak to peak displacement under {short(float(about['force']))} cos(omega t)."
+    columns = at.columns | {"amplitude": amplitude.data, "stable": stable}
+    return Chart(in_rows([Subplot(at.axis, up, layers)]), said, table_of(columns))
 
 
 def _bode_and_nyquist(result: Result, group: str) -> Iterator[Figure]:

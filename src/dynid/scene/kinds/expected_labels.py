@@ -215,13 +215,13 @@ def _frequencies(scene: Scene, parts: Parts) -> NDArray[np.float64] | None:
         if parts[1] in _OVER_FREQUENCY or parts[2] == "frequency_response":
             grid = analysis.frequency if analysis is not None else None
     elif parts[:2] == ("structure", "frequency_response"):
-        grid = scene.model.responses.frequency
+        grid = scene.model.structure_analysis.frequency
     elif parts[:2] == _FRF:
         grid = scene.model.frequency
     elif parts[0] == "identification" and parts[1] in ("measurement", "residual_spectrum"):
         return _axis_of_record(scene, parts, "omega")
     elif parts[:3] == ("identification", "derived", "frequency_response") and scene.model.derived:
-        analysis = scene.model.responses or scene.model.graph_analysis
+        analysis = scene.model.structure_analysis or scene.model.graph_analysis
         grid = analysis.frequency if analysis is not None else None
     return None if grid is None else angular_frequencies(grid)
 
@@ -234,7 +234,7 @@ def _times(scene: Scene, parts: Parts) -> NDArray[np.float64] | None:
         return _axis_of_record(scene, parts, "time")
     if parts[1:2] != ("time_response",):
         return None
-    analysis = analysis_of(scene) if parts[0] == "bond_graph" else scene.model.responses
+    analysis = analysis_of(scene) if parts[0] == "bond_graph" else scene.model.structure_analysis
     return None if analysis is None or analysis.time is None else record_of(analysis.time).times
 
 
@@ -296,7 +296,7 @@ def _max_count(scene: Scene, parts: Parts, dim: str) -> int | None:
         return len(modes.values) if modes.file is None else len(_measured(scene)[-1].omega)
     requested = None
     if scene.kind == "identification" and parts[:2] == ("structure", "modes"):
-        requested = scene.model.responses.modes.count
+        requested = scene.model.structure_analysis.modes.count
     counts = [count for count in (requested, _size(scene, parts, dim)) if count is not None]
     return min(counts) if counts else None
 

@@ -59,6 +59,7 @@ _ROOTS: dict[str, tuple[str, ...]] = {
     "synthesis": ("synthesis",),
     "modal": ("modal-analysis",),
     "structure": ("bond-graph", "identification", "reduction"),
+    "response": ("identification",),
     "accuracy": ("bond-graph", "identification", "reduction"),
 }
 #: The groups of bond graphs, with the results of which one has to be requested; none: by a key of the scene.
@@ -97,6 +98,10 @@ _NEEDS: dict[str, tuple[str, str]] = {
         "no states are fed back; write 'lqr' or 'placement' in 'control'",
     ),
     "structure/joints": ("joint laws", "'joints' come with nonlinear 'laws' of joints"),
+    "response/harmonic_balance": (
+        "responses.harmonic_balance",
+        "'harmonic_balance' needs the block 'harmonic_balance' in 'responses'",
+    ),
     "structure/damping": ("equivalent", "'damping' comes with its 'equivalent'"),
     "structure/complex_modes": ("loss factors", "'complex_modes' come with loss factors 'eta'"),
     "identification/nonlinearity": (

@@ -52,8 +52,8 @@ def explain(scene: Scene[IdentificationScene]) -> Explanation:
         facts += [*node_facts(structure), *structure_time_scales(structure, expected_values(structure))]
         if model.measurement is not None:
             _add_record(scene, result, facts, [unknown.name for unknown in structure.unknowns])
-        if model.responses is not None:
-            facts.append(Fact("responses", _responses(model.responses)))
+        if model.structure_analysis is not None:
+            facts.append(Fact("responses", _responses(model.structure_analysis)))
     except (NumericalError, UsageError) as error:
         return Explanation(result, facts, obstacle=error)
     return Explanation(result, facts)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from dynid.errors import Fault
+from dynid.errors import DynidError, Fault
 from dynid.identification.records.measurement import Experiment
 from dynid.model_scope import wants_scope
 from dynid.progress import report_progress
@@ -78,8 +78,11 @@ def run(scene: Scene[IdentificationScene], sample: Result | None = None) -> Resu
     reduction = None if method is None else method.at(values).reduce(started(scene, structure))
     if reduction is not None and reduction.doubt:
         result.annotate("structure" if model.measurement is None else "identification", doubt=reduction.doubt)
+    responding = structure if reduction is None else reduction.model
     if model.responses is not None:
-        result.merge(responses(scene, model, structure if reduction is None else reduction.model, values))
+        result.merge(steady_states(model, responding, values))
+    if model.structure_analysis is not None:
+        result.merge(responses(scene, model, responding, values))
         if structure.nonlinear:
             from dynid.identification.results.write_joints import beyond_range
 
@@ -92,7 +95,9 @@ def run(scene: Scene[IdentificationScene], sample: Result | None = None) -> Resu
 
 def estimates_alone(model: IdentificationScene, sample: Result) -> bool:
     """Return True if a sample of a study wants nothing but estimates."""
-    if model.graph is not None or model.responses or model.identifiability or model.measurement is None:
+    if model.graph is not None or model.identifiability or model.measurement is None:
+        return False
+    if model.structure_analysis or model.responses:
         return False
     return not (sample.wants_below("structure") or wants_scope(sample, "identification"))
 
@@ -237,7 +242,7 @@ def preparation_steps(scene: Scene[IdentificationScene]) -> Iterator[Preparation
         yield lambda: experiments(scene, model.excitation, measurement, held_out=True)
     if measurement is None or measurement.frf is None:  # else it reads the responses again
         yield lambda: reductor_of(scene)
-    if model.responses is not None and model.responses.time is not None:
+    if model.structure_analysis is not None and model.structure_analysis.time is not None:
         yield lambda: time_question(scene)
 
 
@@ -259,7 +264,7 @@ def unread_files(scene: Scene[IdentificationScene]) -> Iterator[KeyPath]:
     if records and all(record.excitation is not None for record in records):
         yield ("measurement", "excitation")
     model_records = model.measurement.each if model.measurement else []
-    time = model.responses and model.responses.time
+    time = model.structure_analysis and model.structure_analysis.time
     drives = time and not (time.input or model.initial)
     if not drives and all(record.excitation is not None for record in model_records):
         yield ("excitation",)
@@ -323,14 +328,22 @@ def interest_of(scene: Scene[IdentificationScene]) -> Interest:
         dofs += [signal.dof for signal in signals]
         dofs += [dof for channel in model.measurement.sensors for dof in channel.ends]
         band = highest_frequency(signals, min(float(record.step or math.inf) for record in records))
-    if model.responses is not None:
+    if model.structure_analysis is not None:
         dofs += [
-            *(model.responses.inputs or ()),
-            *(dof for output in model.responses.outputs or () for dof in output.ends),
-            *(signal.dof for signal in (model.responses.time.input if model.responses.time else ())),
+            *(model.structure_analysis.inputs or ()),
+            *(dof for output in model.structure_analysis.outputs or () for dof in output.ends),
+            *(
+                signal.dof
+                for signal in (model.structure_analysis.time.input if model.structure_analysis.time else ())
+            ),
         ]
-        if band is None and model.responses.frequency is not None:
-            band = float(angular_frequencies(model.responses.frequency)[-1])
+        if band is None and model.structure_analysis.frequency is not None:
+            band = float(angular_frequencies(model.structure_analysis.frequency)[-1])
+    if model.responses is not None:
+        asked = model.responses.harmonic_balance
+        dofs += [asked.dof, asked.output]
+        if band is None:
+            band = angular_factor(asked.unit) * max(float(asked.start), float(asked.stop))
     return Interest(tuple(dict.fromkeys(dof for dof in dofs if dof is not None)), band)
 
 
@@ -348,7 +361,7 @@ def responses(
 
     With an initial motion and no input of its own the time response is the free one.
     """
-    requested = model.responses
+    requested = model.structure_analysis
     assert requested is not None
     result = Result("identification", scene.title)
     if requested.modes is not None:
@@ -373,6 +386,34 @@ def responses(
     return result
 
 
+def steady_states(
+    model: IdentificationScene, structure: StructuralModel, values: Mapping[str, float]
+) -> Result:
+    """Compute the steady states that a scene requests."""
+    from dynid.structure.nonlinear.steady_states import harmonic_balance
+
+    assert model.responses is not None
+    asked = model.responses.harmonic_balance
+    factor = angular_factor(asked.unit)
+    report_progress("harmonic balance")
+    try:
+        return harmonic_balance(
+            structure,
+            asked.dof,
+            float(asked.amplitude),
+            factor * float(asked.start),
+            factor * float(asked.stop),
+            values,
+            output=asked.output,
+            harmonics=asked.harmonics,
+            points=asked.points,
+            stability=asked.stability,
+        )
+    except DynidError as error:
+        error.names = (*error.names, "responses.harmonic_balance")
+        raise
+
+
 def time_question(
     scene: Scene[IdentificationScene], structure: StructuralModel | None = None
 ) -> dict[str, Any]:
@@ -381,7 +422,7 @@ def time_question(
     Without an input of its own it is driven by the excitation, or by nothing with an initial motion.
     """
     model = scene.model
-    requested = model.responses
+    requested = model.structure_analysis
     assert requested is not None
     assert requested.time is not None
     record, signals, where = record_of(requested.time), requested.time.input, "analysis.time.input"
@@ -400,5 +441,5 @@ def which_modes(asked: ResponseModes) -> tuple[int | None, float | None]:
 
 def _outputs(model: IdentificationScene, structure: StructuralModel | None) -> list[Channel]:
     sensors = model.measurement.sensors if model.measurement else []
-    outputs = (model.responses and model.responses.outputs) or sensors
+    outputs = (model.structure_analysis and model.structure_analysis.outputs) or sensors
     return list(dict.fromkeys(channel_of(item, structure) for item in outputs))

@@ -195,7 +195,7 @@ def further_of(model: IdentificationScene) -> Further:
 
     if model.derived is None:
         return Further(check=model.posterior_check, laws=tuple(model.estimator.laws))
-    analysis = model.responses or model.graph_analysis
+    analysis = model.structure_analysis or model.graph_analysis
     grid = analysis.frequency if analysis else None
     omega = None if grid is None else angular_frequencies(grid)
     request = DerivedRequest(tuple(model.derived), omega)

@@ -150,9 +150,9 @@ def add_geometry(
             driving = (signal for record in records for signal in record.excitation or ())
             loads += [signal.dof for signal in driving if signal.dof is not None]
             loads += [record.reference.place for record in model.measurement.sensors if record.reference]
-        if model.responses is not None:
-            sensors += model.responses.outputs or ()
-            loads += model.responses.inputs or ()
+        if model.structure_analysis is not None:
+            sensors += model.structure_analysis.outputs or ()
+            loads += model.structure_analysis.inputs or ()
     ends = ((record, end) for record in sensors for end in record.ends)
     named = {(channel_of(record, structure).name, result_name(structure, end)): None for record, end in ends}
     acting = dict.fromkeys(result_name(structure, dof) for dof in loads)

@@ -138,6 +138,32 @@ class ResponseModel(Section):
         return self
 
 
+class HarmonicBalanceModel(Section):
+    """Steady states under a sine at a DOF, from one frequency to another."""
+
+    dof: SignedDof
+    amplitude: Positive
+    start: Positive
+    stop: Positive
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+    output: SignedDof | None = None
+    harmonics: int = Field(default=101, ge=1, le=1000, strict=True)
+    points: int = Field(default=1000, ge=2, le=100_000, strict=True)
+    stability: bool = True
+
+    @model_validator(mode="after")
+    def _is_an_interval(self) -> Self:
+        if float(self.start) == float(self.stop):
+            raise fault("'start' and 'stop' are the same frequency; a curve goes from one to another")
+        return self
+
+
+class SteadyStatesModel(Section):
+    """Steady states of a structure with nonlinear joints."""
+
+    harmonic_balance: HarmonicBalanceModel
+
+
 def _analysis_of(raw: Any) -> str:
     """Return what an analysis is of: a graph, which has outputs such as J.f, or a structure."""
     analysis = mapping_of(raw)
@@ -209,6 +235,7 @@ class IdentificationScene(ComposedScene):
     posterior_check: bool = False
     plan: Annotated[PlanModel, Later()] = PlanModel.model_construct()
     analysis: _IdentifiedAnalysis | None = None
+    responses: Annotated[SteadyStatesModel, Later()] | None = None
     initial: dict[Dof, Annotated[InitialMotion, Later()]] = {}
 
     @property
@@ -229,7 +256,7 @@ class IdentificationScene(ComposedScene):
         return ", ".join([*methods, *([self.reduction.method] if self.reduction is not None else [])])
 
     @property
-    def responses(self) -> ResponseModel | None:
+    def structure_analysis(self) -> ResponseModel | None:
         """The analysis of a structure."""
         return self.analysis if isinstance(self.analysis, ResponseModel) else None
 
@@ -251,8 +278,10 @@ class IdentificationScene(ComposedScene):
     def _asks_something(self) -> Self:
         if sum(model is not None for model in (self.structure, self.structures, self.graph)) != 1:
             raise fault("a scene of this kind has either a 'structure', or 'structures', or a 'graph'")
-        if self.measurement is None and self.analysis is None:
-            raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
+        if self.measurement is None and self.analysis is None and self.responses is None:
+            raise fault("a scene needs a 'measurement' to identify from, an 'analysis', or 'responses'")
+        if self.responses is not None and self.graph is not None:
+            raise fault("'responses' are of a structure, not of a graph; leave them out")
         if self.identifiability and self.measurement is None:
             raise fault("'identifiability' is that of a record; there is no 'measurement'")
         records = self.measurement.each if self.measurement else []
@@ -267,9 +296,9 @@ class IdentificationScene(ComposedScene):
             raise fault("frequency responses are of unit forces; an 'excitation' says nothing beside 'frf'")
         if frf and self.estimator.method not in ("auto", "output-error"):
             raise fault(f"the method '{self.estimator.method}' is for records of time, not for 'frf'")
-        if self.analysis is not None and (self.graph is None) != (self.responses is not None):
+        if self.analysis is not None and (self.graph is None) != (self.structure_analysis is not None):
             raise fault("this analysis is that of a structure; of a graph it has 'outputs' such as J.f")
-        responses = self.responses
+        responses = self.structure_analysis
         responds = responses and (responses.frequency or responses.time)
         if responses and responds and not responses.outputs and not self.measurement:
             raise fault("the analysis needs its 'outputs'; there are no channels to take them from")
@@ -360,7 +389,7 @@ class IdentificationScene(ComposedScene):
             "estimator": self.measurement is not None,
             "basis": self.measurement is not None and not reduced and self.graph is None,
             "hold": sampled,
-            "modes": self.responses is not None and self.responses.modes is not None,
+            "modes": self.structure_analysis is not None and self.structure_analysis.modes is not None,
         }
         return {name for name, chosen in requested.items() if chosen}
 

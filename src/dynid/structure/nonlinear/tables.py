@@ -216,6 +216,10 @@ class Regime:
             self._regular[h] = self._by_modes(h) if slow else self._by_exponentials(h)
         return self._regular[h]
 
+    def forget_steps(self) -> None:
+        """Drop the tables of regular steps."""
+        self._regular.clear()
+
     def _assembled(self, h: float, P: Array, responses: Array) -> Tables:
         """Return tables of the states at the nodes, from their responses to powers of time in a step.
 
@@ -294,6 +298,11 @@ class Regimes:
             k[law.row] += stiffness
             c[law.row] += damping
         return self.folding(k, c)
+
+    def forget_steps(self) -> None:
+        """Drop the tables of regular steps, not the modes."""
+        for regime in self._kept.values():
+            regime.forget_steps()
 
     def fading(self, regimes: Sequence[int]) -> float:
         """Return the decay rate of the slowest mode in these regimes, 1/s; 0 if one does not decay."""

@@ -1,0 +1,433 @@
+"""Force of a joint's law over a cycle of a periodic deflection, as Fourier coefficients with derivatives.
+
+The alternating frequency/time scheme (T. M. Cameron, J. H. Griffin 1989), with events instead of samples: a
+law is followed from guard to guard, each event is located on the trigonometric polynomial, and the force of a
+regime is integrated by Clenshaw–Curtis quadrature. Coefficients and derivatives have no error of sampling,
+also with friction, whose derivatives are continuous in the deflection alone.
+
+A periodic function is ``c_0 + sum c_h cos(h theta) + s_h sin(h theta)``, stored as [c_0, c_1, s_1, c_2, …].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from dynid.arrays import Array
+from dynid.errors import NumericalError
+from dynid.structure.joint_laws import BoundLaw, Slopes
+
+# Points of a cycle at which guards are scanned for their first zero, over the highest harmonic.
+_SCAN = 16
+# Events of a cycle beyond which a joint chatters.
+_MAX_EVENTS = 400
+# Cycles until a hysteresis loop has to be closed.
+_MAX_CYCLES = 60
+# Change of a hidden state over a cycle, relative to the deflection, whose effect is added to first order.
+_NEAR_TOL = 0.03
+# Change of hidden states in the iteration of a panel, relative to the deflection: round-off.
+_ROUND_OFF = 1e-13
+# Length of a panel of collocation of hidden states, rad, and its nodes.
+_PANEL, _PANEL_NODES = np.pi / 3, 20
+# Change of an event's angle at which it is located, rad, and the iterations that this takes at the most.
+_EVENT_TOL, _MAX_LOCATIONS = 1e-13, 60
+# Jump of a force at an event, relative to the force, that is round-off.
+_JUMP_TOL = 1e-9
+# Derivative of a hidden state by itself a cycle before, less than 1 by which a loop forgets it.
+_FREE_TOL = 1e-9
+# Force at the highest sampled harmonics of a smooth law, relative to its largest, that is round-off, and the
+# most samples of a cycle.
+_ALIAS_TOL, _MAX_SAMPLES = 1e-13, 4096
+
+
+class CycleForce(NamedTuple):
+    """Force of a law over a cycle.
+
+    `coefficients` (2 J + 1, J > H): of the force, also beyond the H harmonics of the deflection; `by_motion`
+    (2 H + 1 x 2 H + 1), `by_omega` (2 H + 1), `by_parameters` (2 H + 1 x parameters and offset): derivatives;
+    `hidden`: hidden state and regime at the beginning of a cycle.
+    """
+
+    coefficients: Array
+    by_motion: Array
+    by_omega: Array
+    by_parameters: Array
+    hidden: tuple[float, int]
+
+
+def basis(theta: Array, harmonics: int) -> tuple[Array, Array]:
+    """Return the functions of a Fourier series at angles, and their derivatives (angles x 2 H + 1)."""
+    order = np.arange(1, harmonics + 1)
+    powers = np.cumprod(np.broadcast_to(np.exp(1j * theta)[:, None], (len(theta), harmonics)), axis=1)
+    T, D = np.zeros((2, len(theta), 2 * harmonics + 1))
+    T[:, 0], T[:, 1::2], T[:, 2::2] = 1.0, powers.real, powers.imag
+    D[:, 1::2], D[:, 2::2] = -order * powers.imag, order * powers.real
+    return T, D
+
+
+def further_harmonics(harmonics: int) -> int:
+    """Return the highest harmonic of the force that is computed, to see what a truncation leaves out."""
+    return harmonics + 6
+
+
+@cache
+def _sampled(harmonics: int, samples: int) -> tuple[Array, Array, Array]:
+    """Return the basis at equal angles, its derivative, and the projection on it (2 J + 1 x samples)."""
+    theta = 2 * np.pi * np.arange(samples) / samples
+    T, D = basis(theta, further_harmonics(harmonics))
+    projection = T.T * (2 / samples)
+    projection[0] /= 2
+    size = 2 * harmonics + 1
+    return np.ascontiguousarray(T[:, :size]), np.ascontiguousarray(D[:, :size]), projection
+
+
+@cache
+def _clenshaw_curtis(n: int) -> tuple[Array, Array, Array]:
+    """Return nodes in [0, 1] (n), weights, and the matrix of integrals from 0 to each node (n x n)."""
+    chebyshev, x = np.polynomial.chebyshev, _nodes(n)
+    integrals = chebyshev.chebint(np.eye(n), lbnd=-1, scl=0.5)
+    at = chebyshev.chebvander(2 * x - 1, n) @ integrals @ _to_chebyshev(n)
+    return x, at[-1], at
+
+
+def _nodes(n: int) -> Array:
+    return np.asarray((1 - np.cos(np.pi * np.arange(n) / (n - 1))) / 2)
+
+
+@cache
+def _to_chebyshev(n: int) -> Array:
+    """Return the matrix from values at the nodes to coefficients of Chebyshev polynomials (n x n)."""
+    return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _nodes(n) - 1, n - 1)))
+
+
+def cycle_force(law: BoundLaw, q: Array, omega: float, hidden: tuple[float, int] | None = None) -> CycleForce:
+    """Return the force of a law over a cycle of the deflection q (2 H + 1) at a frequency, rad/s.
+
+    `hidden`: hidden state and regime near those of the closed loop; default: sliders as they are before they
+    first slip. Raises NumericalError if a loop does not close or a regime changes without end.
+    """
+    if not law.law.hidden and not law.guards(law.regime(0.0, 0.0, 0.0), 0.0, 0.0, 0.0):
+        return _smooth(law, q, omega)
+    return _Cycle(law, q, omega).closed(hidden)
+
+
+def _smooth(law: BoundLaw, q: Array, omega: float) -> CycleForce:
+    """Return the force of a law without regimes, from samples as many as its harmonics need."""
+    harmonics = len(q) // 2
+    samples = max(64, 1 << (8 * harmonics + 7).bit_length())
+    while True:
+        T, D, projection = _sampled(harmonics, samples)
+        rate = D @ q
+        f = law.force(0, T @ q, omega * rate, 0.0)
+        size = np.abs(np.fft.rfft(np.broadcast_to(f.value, samples)))
+        if size[-samples // 8 :].max() <= _ALIAS_TOL * size.max() or samples >= _MAX_SAMPLES:
+            break
+        samples *= 2
+    rows = projection[: len(q)]
+
+    def projected(slope: Array, at: Array) -> Array:
+        return np.asarray((rows * slope) @ at)
+
+    by_motion = projected(f.d, T) + projected(omega * np.asarray(f.v), D)
+    by_p = [rows @ np.broadcast_to(slope, samples) for slope in f.p]
+    return CycleForce(
+        projection @ np.broadcast_to(f.value, samples), by_motion, rows @ (f.v * rate),
+        np.array(by_p).reshape(-1, len(q)).T, (0.0, 0),
+    )  # fmt: skip
+
+
+class _Segment(NamedTuple):
+    """A part of a cycle in one regime: its nodes, weights, and the hidden state there with its columns."""
+
+    theta: Array
+    weights: Array
+    z: Array
+    slopes: Array  # columns of the hidden state (nodes or 1 x columns)
+    regime: int
+
+
+class _Cycle:
+    """A law followed over cycles of a deflection.
+
+    Columns are derivatives by the coefficients of the deflection, the frequency, the first hidden state, and
+    the parameters.
+    """
+
+    def __init__(self, law: BoundLaw, q: Array, omega: float) -> None:
+        self.law, self.q, self.omega = law, q, omega
+        self.harmonics = len(q) // 2
+        self.columns = len(q) + 2 + len(law.values) + 1
+        samples = max(128, _SCAN * self.harmonics)
+        T, D, _ = _sampled(self.harmonics, samples)
+        self.scan = np.linspace(0.0, 2 * np.pi, samples + 1)[1:]
+        self.d, self.v = (np.roll(x, -1) for x in (T @ q, omega * (D @ q)))
+        self.size = float(np.abs(self.d).max())
+        self._orders = np.arange(1, self.harmonics + 1)
+        self._phasors = self._orders ** np.arange(3)[:, None] * (q[1::2] - 1j * q[2::2])
+        self.flows = law.rate(0, 0.0, 1.0, 0.0) is not None
+
+    def at(self, theta: float) -> tuple[float, float, float]:
+        """Return deflection, its rate and acceleration at an angle."""
+        sums = self._phasors @ np.exp(1j * self._orders * theta)
+        d, v, a = self.q[0] + sums[0].real, -self.omega * sums[1].imag, -(self.omega**2) * sums[2].real
+        return float(d), float(v), float(a)
+
+    def rows(self, theta: Array) -> tuple[Array, Array]:
+        """Return the columns of deflection and rate at angles (angles x columns)."""
+        T, D = basis(theta, self.harmonics)
+        of_d, of_v = np.zeros((2, len(theta), self.columns))
+        size = len(self.q)
+        of_d[:, :size], of_v[:, :size], of_v[:, size] = T, self.omega * D, D @ self.q
+        return of_d, of_v
+
+    def closed(self, hidden: tuple[float, int] | None) -> CycleForce:
+        """Return the force of the closed loop, to first order in what a cycle changes of a nearby hidden state.
+
+        In Newton's iteration on the deflection, of which each evaluation begins where the last one closed,
+        the remaining error vanishes with the step.
+        """
+        virgin = self._virgin()
+        z, regime = virgin if hidden is None else hidden
+        place, cycles = len(self.q) + 1, 0
+        while cycles < _MAX_CYCLES:
+            segments, end, slopes, last, jumps = self._followed(z, regime)
+            cycles += 1
+            change, free = end - z, 1.0 - slopes[place]
+            if not self.flows and abs(free) < _FREE_TOL and (z, regime) != virgin:
+                z, regime = virgin  # a slider that does not slip is where it was before it ever did
+            elif last == regime and abs(change) <= _NEAR_TOL * (self.size + abs(z)):
+                return self._projected(segments, slopes, jumps, (z, regime), change)
+            else:
+                z = z + change / free if last == regime and self.flows and free > _FREE_TOL else end
+                regime = last
+        raise NumericalError(
+            f"the hysteresis of a joint does not close in {_MAX_CYCLES} cycles",
+            remedy="Lower the amplitude, or change the parameters of its law.",
+        )
+
+    def _virgin(self) -> tuple[float, int]:
+        d, v = float(self.d[-1]), float(self.v[-1])
+        centre, width = self.law.law.range_of_hidden(self.law.values, d)
+        z = centre if self.flows else float(np.clip(0.0, centre - width, centre + width))
+        z = float(z) if self.law.law.hidden else 0.0
+        return z, self.law.regime(d, v, z)
+
+    def _followed(
+        self, z: float, regime: int
+    ) -> tuple[list[_Segment], float, Array, int, list[tuple[float, float, Array]]]:
+        """Follow a cycle; return segments, the last hidden state with its columns and regime, and jumps.
+
+        A jump of the force: its angle, its size before less after, and the columns of the angle.
+        """
+        theta, slopes = 0.0, np.zeros(self.columns)
+        slopes[len(self.q) + 1] = 1.0
+        segments: list[_Segment] = []
+        jumps: list[tuple[float, float, Array]] = []
+        for _ in range(_MAX_EVENTS):
+            segment, guard = (self._flow if self.flows else self._rest)(theta, z, slopes, regime)
+            segments.append(segment)
+            theta, z, slopes = float(segment.theta[-1]), float(segment.z[-1]), segment.slopes[-1]
+            if guard is not None:
+                z, slopes, regime = self._switched(theta, z, slopes, regime, guard, jumps)
+            elif theta >= 2 * np.pi:
+                return segments, z, slopes, regime, jumps
+        raise NumericalError(
+            "the regimes of a joint change without end in a cycle",
+            remedy="Change the amplitude or the parameters of its law.",
+        )
+
+    def _rest(self, low: float, z: float, slopes: Array, regime: int) -> tuple[_Segment, int | None]:
+        """Return the segment of a regime in which the hidden state is constant, and the guard that ends it."""
+        first = int(np.searchsorted(self.scan, low + _EVENT_TOL))
+        theta = np.concatenate([[low], self.scan[first:]])
+        guards = self.law.guards(regime, self.d[first:], self.v[first:], z)
+        values = [np.broadcast_to(guard.function.value, len(theta) - 1) for guard in guards]
+        high, ending = self._first_zero(theta, values, lambda _: z, regime)
+        nodes = 16 + 8 * int(np.ceil((high - low) * (self.harmonics + 1) / 6))
+        x, weights, _ = _clenshaw_curtis(nodes)
+        length = high - low
+        return _Segment(low + length * x, length * weights, np.full(1, z), slopes[None], regime), ending
+
+    def _flow(self, low: float, z: float, slopes: Array, regime: int) -> tuple[_Segment, int | None]:
+        """Return a panel of a regime in which the hidden state changes, and the guard that ends it."""
+        high = min(low + _PANEL, 2 * np.pi)
+        panel = self._collocated(low, high, z, slopes, regime)
+        of_d, of_v = self._motion(panel.theta)
+        guards = self.law.guards(regime, of_d[1:], of_v[1:], panel.z[1:])
+        values = [np.broadcast_to(guard.function.value, len(panel.theta) - 1) for guard in guards]
+        series = _to_chebyshev(_PANEL_NODES) @ panel.z
+
+        def hidden(theta: float) -> float:
+            return float(np.polynomial.chebyshev.chebval(2 * (theta - low) / (high - low) - 1, series))
+
+        zero, ending = self._first_zero(panel.theta, values, hidden, regime)
+        if ending is None or zero >= high:
+            return panel, ending
+        return self._collocated(low, zero, z, slopes, regime), ending
+
+    def _first_zero(
+        self, theta: Array, values: Sequence[Array], hidden: Callable[[float], float], regime: int
+    ) -> tuple[float, int | None]:
+        """Return the first angle at which a guard vanishes, and its number; the last angle if none does.
+
+        `values`: of the guards at the angles after the first.
+        """
+        high, ending = float(theta[-1]), None
+        for number, guard in enumerate(values):
+            negative = np.flatnonzero(guard < 0)
+            if len(negative) and theta[negative[0]] < high:
+                at = int(negative[0])
+                bracket = float(theta[at]), float(theta[at + 1])
+                below = float(guard[at - 1]) if at else self._guard(bracket[0], hidden, regime, number)[0]
+                zero = self._zero(bracket, (below, float(guard[at])), hidden, regime, number)
+                if zero < high or ending is None:
+                    high, ending = zero, number
+        return high, ending
+
+    def _guard(
+        self, theta: float, hidden: Callable[[float], float], regime: int, number: int
+    ) -> tuple[float, float]:
+        """Return a guard and its derivative by the angle."""
+        (d, v, a), z, law, values = self.at(theta), hidden(theta), self.law.law, self.law.values
+        d += self.law.offset if law.preloaded else 0.0
+        f = law.guards(values, regime, d, v, z)[number].function
+        rate = law.rate(values, regime, d, v, z) if self.flows else None
+        by_time = f.d * v + f.v * a + (0.0 if rate is None else f.z * rate.value)
+        return float(f.value), float(by_time) / self.omega
+
+    def _zero(
+        self, bracket: tuple[float, float], values: tuple[float, float], hidden: Callable[[float], float],
+        regime: int, number: int,
+    ) -> float:  # fmt: skip
+        """Return the zero of a guard that is negative at the upper angle (Newton, kept in the bracket)."""
+        low, high = bracket
+        if values[0] <= 0:
+            return low
+        theta = low + (high - low) * values[0] / (values[0] - values[1])
+        for _ in range(_MAX_LOCATIONS):
+            value, slope = self._guard(theta, hidden, regime, number)
+            low, high = (theta, high) if value > 0 else (low, theta)
+            step = -value / slope if slope < 0 else np.inf
+            if abs(step) <= _EVENT_TOL or high - low <= _EVENT_TOL:
+                break
+            theta = theta + step if low < theta + step < high else (low + high) / 2
+        return float(theta)
+
+    def _motion(self, theta: Array) -> tuple[Array, Array]:
+        T, D = basis(theta, self.harmonics)
+        return T @ self.q, self.omega * (D @ self.q)
+
+    def _collocated(self, low: float, high: float, z: float, slopes: Array, regime: int) -> _Segment:
+        """Return a panel whose hidden state has its rate at all nodes (Newton), with its columns."""
+        x, weights, integrals = _clenshaw_curtis(_PANEL_NODES)
+        theta, S = low + (high - low) * x, integrals * ((high - low) / self.omega)
+        d, v = self._motion(theta)
+        state = np.full(len(x), z)
+        for _ in range(_MAX_LOCATIONS):
+            rate = self.law.rate(regime, d, v, state)
+            assert rate is not None
+            matrix = np.eye(len(x)) - S * np.broadcast_to(rate.z, len(x))
+            change = np.linalg.solve(matrix, z + S @ rate.value - state)
+            state = state + change
+            if np.abs(change).max() <= _ROUND_OFF * (self.size + np.abs(state).max()):
+                break
+        rate = self.law.rate(regime, d, v, state)
+        assert rate is not None
+        of_d, of_v = self.rows(theta)
+        source = _column(rate.d, of_d) + _column(rate.v, of_v)
+        for place, slope in enumerate(rate.p):
+            source[:, len(self.q) + 2 + place] += slope
+        source[:, len(self.q)] -= rate.value / self.omega
+        columns = np.linalg.solve(matrix, slopes + S @ source)
+        return _Segment(theta, (high - low) * weights, state, columns, regime)
+
+    def _switched(
+        self, theta: float, z: float, slopes: Array, regime: int, number: int,
+        jumps: list[tuple[float, float, Array]],
+    ) -> tuple[float, Array, int]:  # fmt: skip
+        """Return the hidden state, its columns and the regime after an event; add the jump of the force."""
+        law, (d, v, a) = self.law, self.at(theta)
+        of_d, of_v = (rows[0] for rows in self.rows(np.full(1, theta)))
+        guard = law.guards(regime, d, v, z)[number]
+
+        def total(f: Slopes) -> Array:
+            out = f.d * of_d + f.v * of_v + f.z * slopes
+            for place, slope in enumerate(f.p):
+                out[len(self.q) + 2 + place] += slope
+            return np.asarray(out)
+
+        def flow(which: int, state: float) -> float:
+            rate = law.rate(which, d, v, state)
+            return 0.0 if rate is None else float(rate.value)
+
+        before = flow(regime, z)
+        f = guard.function
+        by_time = f.d * v + f.v * a + f.z * before
+        shift = -total(f) / by_time if by_time else np.zeros(self.columns)  # of the event's time
+        entered = law.entered(regime, guard.following, d, z)
+        state = z if entered is None else float(entered.value)
+        after = flow(guard.following, state)
+        if entered is None:
+            columns = slopes + (before - after) * shift
+        else:
+            along = entered.d * v + entered.v * a + entered.z * before - after
+            columns = total(entered) + along * shift
+        forces = [float(law.force(*at).value) for at in ((regime, d, v, z), (guard.following, d, v, state))]
+        jump = forces[0] - forces[1]
+        if abs(jump) > _JUMP_TOL * max(map(abs, forces)):
+            jumps.append((theta, jump, self.omega * shift))
+        return state, np.asarray(columns), guard.following
+
+    def _projected(
+        self, segments: Sequence[_Segment], end: Array, jumps: Sequence[tuple[float, float, Array]],
+        hidden: tuple[float, int], change: float,
+    ) -> CycleForce:  # fmt: skip
+        """Return the Fourier coefficients of the force along the segments of a closed cycle."""
+        size = len(self.q)
+        T, D = basis(np.concatenate([s.theta for s in segments]), further_harmonics(self.harmonics))
+        rows = T.T * (np.concatenate([s.weights for s in segments]) / np.pi)
+        rows[0] /= 2
+        d, v = T[:, :size] @ self.q, self.omega * (D[:, :size] @ self.q)
+        value, by_d, by_v = np.empty((3, len(d)))
+        slopes = np.zeros((size, self.columns))
+        first = 0
+        for segment in segments:
+            here = slice(first, first + len(segment.theta))
+            first = here.stop
+            f = self.law.force(segment.regime, d[here], v[here], segment.z)
+            value[here], by_d[here], by_v[here] = f.value, f.d, f.v
+            weighted = rows[:size, here]
+            if np.any(f.z):
+                slopes += (
+                    _column(weighted * f.z, segment.slopes)
+                    if len(segment.z) > 1
+                    else np.outer(weighted @ np.broadcast_to(f.z, len(segment.theta)), segment.slopes[0])
+                )
+            for place, slope in enumerate(f.p):
+                slopes[:, size + 2 + place] += weighted @ np.broadcast_to(slope, len(segment.theta))
+        slopes[:, :size] += (rows[:size] * by_d) @ T[:, :size] + (rows[:size] * by_v) @ (
+            self.omega * D[:, :size]
+        )
+        slopes[:, size] += rows[:size] @ (by_v * v / self.omega)
+        for theta, jump, shift in jumps:
+            at = basis(np.full(1, theta), self.harmonics)[0][0] / np.pi
+            at[0] /= 2
+            slopes += np.outer(at * jump, shift)
+        coefficients, free, (z, regime) = rows @ value, 1.0 - end[size + 1], hidden
+        if abs(free) > _FREE_TOL:
+            first_hidden = slopes[:, size + 1].copy()
+            slopes += np.outer(first_hidden, end / free)
+            coefficients[:size] += first_hidden * (change / free)
+            z += change / free
+        return CycleForce(coefficients, slopes[:, :size], slopes[:, size], slopes[:, size + 2 :], (z, regime))
+
+
+def _column(factor: Array | float, rows: Array) -> Array:
+    """Return rows times factors of each, or a matrix of factors times rows."""
+    factors = np.asarray(factor)
+    if factors.ndim == 2:
+        return np.asarray(factors @ rows)
+    return np.asarray(np.broadcast_to(factors, len(rows))[:, None] * rows)

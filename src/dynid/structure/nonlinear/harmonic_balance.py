@@ -1,0 +1,304 @@
+"""Steady states under a sine by harmonic balance, condensed to the deflections of the joints with laws.
+
+In modal coordinates of the structure with the tangents of its laws at rest, the deflections of harmonic h are
+``D_h = B_h P - A_h F_h``: the compliance ``A_h = R Z_h^-1 R^T``, ``Z_h = Lambda + i h omega C - (h omega)^2``, and
+what the laws' forces have beyond their tangents, F_h (`dynid.structure.nonlinear.cycle`). The unknowns are the
+deflections' Fourier coefficients; all derivatives are exact.
+
+Source: M. Krack, J. Gross, Harmonic Balance for Nonlinear Vibration Problems, Springer (2019).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from dynid.arrays import Array, ComplexArray
+from dynid.errors import NumericalError, UsageError
+from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.model import StructuralModel
+from dynid.structure.model_laws import model_laws
+from dynid.structure.nonlinear.continuation import Point, solve_at
+from dynid.structure.nonlinear.cycle import CycleForce, cycle_force, further_harmonics
+from dynid.structure.state_space import massless_motion
+
+# Coupling of modes by dampers, relative to their own damping, that is round-off.
+_CLASSICAL_TOL = 1e-12
+# An eigenvalue of the stiffness, relative to the largest, that is round-off: its mode is of the rigid body.
+_RIGID_TOL = 1e-12
+# What harmonics that are left out would deflect, relative to the deflection: of smooth laws, and of others, whose
+# harmonics decay by powers.
+_SMOOTH_TAIL, _KINKED_TAIL = 1e-10, 3e-6
+# Part of that below which the highest harmonics are dropped again, and how many of them.
+_NEEDED, _SPARE = 0.3, 4
+# Smallest part of the amplitude by which the first steady state grows.
+_MIN_AMPLITUDE_STEP = 1e-3
+# Fewest and most harmonics.
+MIN_HARMONICS, MAX_HARMONICS = 3, 101
+
+
+def to_complex(coefficients: Array) -> ComplexArray:
+    """Return amplitudes a_h of ``Re sum a_h exp(i h theta)`` (H + 1 x …) from coefficients (2 H + 1 x …)."""
+    first = coefficients[:1].astype(complex)
+    return np.concatenate([first, coefficients[1::2] - 1j * coefficients[2::2]])
+
+
+def to_real(amplitudes: ComplexArray) -> Array:
+    """Return Fourier coefficients (2 H + 1 x …) of amplitudes (H + 1 x …)."""
+    out = np.empty((2 * len(amplitudes) - 1, *amplitudes.shape[1:]))
+    out[0], out[1::2], out[2::2] = amplitudes[0].real, amplitudes[1:].real, -amplitudes[1:].imag
+    return out
+
+
+class Condensed(NamedTuple):
+    """A structure in the modes of its stiffness with the laws' tangents at rest.
+
+    `eigenvalues` (n), `damping` (n, or n x n where dampers couple modes), `shapes` (N x n), `deflections`
+    (joints x n), `k`, `c` (joints): the tangents; `laws`, and the law's `tail` of harmonics.
+    """
+
+    eigenvalues: Array
+    damping: Array
+    shapes: Array
+    deflections: Array
+    k: Array
+    c: Array
+    laws: tuple[BoundLaw, ...]
+    tail: float
+
+    def stiffness(
+        self, omega: float, harmonics: int, growth: float = 0.0
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the modal dynamic stiffness of each harmonic and its derivative by the frequency.
+
+        (H + 1 x n, or x n x n); `growth`: damping by the mass that is taken off, 1/s.
+        """
+        h = np.arange(harmonics + 1.0).reshape(-1, *[1] * self.damping.ndim)
+        eye = 1.0 if self.damping.ndim == 1 else np.eye(len(self.eigenvalues))
+        damping = self.damping - growth * eye
+        Z = self.eigenvalues * eye - (h * omega) ** 2 * eye + 1j * h * omega * damping
+        return Z, -2 * h**2 * omega * eye + 1j * h * damping
+
+    def free(self, Z: ComplexArray) -> ComplexArray:
+        """Return the stiffness with rigid-body modes that deflect no joint held at the harmonic 0."""
+        rigid = np.abs(self.eigenvalues) <= _RIGID_TOL * np.abs(self.eigenvalues).max()
+        Z = Z.copy()
+        if self.damping.ndim == 1:
+            Z[0, rigid] = np.inf
+        else:
+            Z[0, rigid, rigid] = 1e300
+        return Z
+
+
+def condensed(model: StructuralModel, values: Mapping[str, float], omega: float) -> Condensed:
+    """Return a structure in its modes; `omega`: a frequency of its motion, rad/s.
+
+    Raises UsageError if it has structural damping or massless DOFs.
+    """
+    from scipy.linalg import eigh
+
+    model.needs_causal("steady state by harmonic balance")
+    unknown = {parameter.name for parameter in model.law_unknowns}
+    linear = model.without_laws()
+    M, C, K = linear.dense({name: value for name, value in values.items() if name not in unknown})
+    if some := massless_motion(M):
+        raise UsageError(
+            f"the mass matrix is singular ({some}): a steady state by harmonic balance needs mass everywhere",
+            remedy="Reduce to DOFs that have mass, or give the others mass.",
+            names=("structure",),
+        )
+    laws = tuple(law.bound for law in model_laws(model.joints, values))
+    rows = model.deflections()
+    k, c = np.zeros((2, len(rows)))
+    for law in laws:
+        stiffness, damping = law.at_rest
+        k[law.row] += stiffness
+        c[law.row] += damping
+    eigenvalues, shapes = eigh(K + rows.T @ (k[:, None] * rows), M)
+    rigid = np.abs(eigenvalues) <= _RIGID_TOL * np.abs(eigenvalues).max()
+    if np.any(np.abs(rows @ shapes[:, rigid]) > 1e-9 * np.abs(rows @ shapes).max(initial=0.0)):
+        # Only the laws hold the structure: any stiffness does in their place, and is taken off their forces.
+        mobility = np.einsum("jn,nj->j", rows, np.linalg.solve(M, rows.T))
+        k = k + omega**2 / mobility
+        eigenvalues, shapes = eigh(K + rows.T @ (k[:, None] * rows), M)
+    modal = shapes.T @ (C + rows.T @ (c[:, None] * rows)) @ shapes
+    coupling = np.abs(modal - np.diag(np.diag(modal))).max(initial=0.0)
+    if coupling <= _CLASSICAL_TOL * np.abs(np.diag(modal)).max(initial=0.0):
+        modal = np.diag(modal).copy()
+    smooth = all(not (law.law.hidden or law.guards(law.regime(0.0, 0.0, 0.0), 0.0, 0.0, 0.0)) for law in laws)
+    return Condensed(
+        eigenvalues, modal, shapes, rows @ shapes, k, c, laws, _SMOOTH_TAIL if smooth else _KINKED_TAIL
+    )
+
+
+class JointForces(NamedTuple):
+    """What laws exert beyond their tangents: coefficients (joints x 2 J + 1) and derivatives.
+
+    `by_motion` (joints x 2 H + 1 x 2 H + 1), `by_omega` (joints x 2 H + 1).
+    """
+
+    coefficients: Array
+    by_motion: Array
+    by_omega: Array
+
+
+class LawMemory:
+    """The forces of laws over cycles; hidden states of the last cycle are those of the next one's start."""
+
+    def __init__(self, structure: Condensed) -> None:
+        self.structure = structure
+        self.hidden: list[tuple[float, int] | None] = [None] * len(structure.laws)
+
+    def forces(self, q: Array, omega: float) -> JointForces:
+        """Return the forces of deflections (joints x 2 H + 1)."""
+        s, (joints, size) = self.structure, q.shape
+        harmonics = size // 2
+        h = np.arange(1, harmonics + 1)
+        turn = np.zeros((size, size))  # of coefficients to those of the derivative
+        turn[2 * h - 1, 2 * h], turn[2 * h, 2 * h - 1] = h, -h
+        forces = np.zeros((joints, 2 * further_harmonics(harmonics) + 1))
+        by_omega = -s.c[:, None] * (q @ turn.T)
+        by_motion = -s.k[:, None, None] * np.eye(size) - omega * s.c[:, None, None] * turn
+        forces[:, :size] = -s.k[:, None] * q + omega * by_omega
+        for index, law in enumerate(s.laws):
+            cycle: CycleForce = cycle_force(law, q[law.row], omega, self.hidden[index])
+            self.hidden[index] = cycle.hidden
+            forces[law.row] += cycle.coefficients
+            by_motion[law.row] += cycle.by_motion
+            by_omega[law.row] += cycle.by_omega
+        return JointForces(forces, by_motion, by_omega)
+
+
+class ForcedResponse:
+    """The equations of steady states under a force ``amplitude cos(omega t)``; the last unknown is omega.
+
+    `load`: modal force of a unit load (n).
+    """
+
+    def __init__(self, structure: Condensed, load: Array, amplitude: float, max_harmonics: int) -> None:
+        self.structure, self.load, self.amplitude = structure, load, amplitude
+        self.max_harmonics, self.harmonics = max_harmonics, min(MIN_HARMONICS, max_harmonics)
+        self.memory = LawMemory(structure)
+        self._left_out, self._needed = 0.0, MIN_HARMONICS
+        self._last: tuple[Array, JointForces]
+
+    @property
+    def joints(self) -> int:
+        """Number of joints with laws."""
+        return len(self.structure.deflections)
+
+    def motion(self, u: Array) -> Array:
+        """Return the deflections of unknowns (joints x 2 H + 1)."""
+        return u[:-1].reshape(self.joints, -1)
+
+    def linear(self, omega: float) -> Array:
+        """Return the unknowns of small motions at a frequency."""
+        q = np.zeros((2 * self.harmonics + 1, self.joints))
+        Z, _ = self.structure.stiffness(omega, 1)
+        X = _solved(self.structure.free(Z), self.structure.deflections.T)
+        q[:3] = to_real(X.transpose(0, 2, 1) @ self.load) * self.amplitude
+        q[0] = 0.0
+        return np.append(q.T.ravel(), omega)
+
+    def first(self, omega: float) -> Point:
+        """Return the steady state at a frequency that grows out of rest with the amplitude.
+
+        Raises NumericalError if it cannot be followed from there.
+        """
+        amplitude, reached, step = self.amplitude, 0.0, 1.0
+        u = np.append(np.zeros(self.joints * (2 * self.harmonics + 1)), omega)
+        while step >= _MIN_AMPLITUDE_STEP:
+            part = min(1.0, reached + step)
+            self.amplitude = amplitude * part
+            grown = self.linear(omega) if reached == 0.0 else np.append(u[:-1] * (part / reached), omega)
+            point = solve_at(self, grown)
+            if point is None:
+                step /= 2
+                continue
+            if part == 1.0:
+                return point
+            u, reached, step = point.u, part, 1.5 * step
+        raise NumericalError(
+            f"the steady state at {omega:.6g} rad/s cannot be followed from small amplitudes",
+            remedy="Start at a frequency farther from resonances.",
+        )
+
+    def evaluate(self, u: Array) -> tuple[Array, Array]:
+        """Return the residuals of deflections and their derivatives."""
+        s, omega, q = self.structure, float(u[-1]), self.motion(u)
+        size, joints = q.shape[1], self.joints
+        harmonics = size // 2
+        forces = self.memory.forces(q, omega)
+        self._last = u, forces
+        Z, dZ = s.stiffness(omega, further_harmonics(harmonics))
+        R = s.deflections
+        X = _solved(s.free(Z), R.T)  # harmonics x n x joints
+        A = R @ X
+        load = X.transpose(0, 2, 1)[1] @ self.load * self.amplitude  # joints
+        response = np.einsum("hij,jh->ih", A, to_complex(forces.coefficients.T).T)
+        sizes = np.abs(q).sum(axis=1).max() or 1.0
+        self._left_out = float(np.abs(response[:, harmonics + 1 :]).max(initial=0.0)) / sizes
+        parts = np.abs(to_complex(q.T)).max(axis=1) > _NEEDED * s.tail * sizes
+        self._needed = int(np.flatnonzero(parts).max(initial=0))
+        A, X, dZ = A[: harmonics + 1], X[: harmonics + 1], dZ[: harmonics + 1]
+        if s.damping.ndim == 1:
+            turned = dZ[:, :, None] * X
+        else:
+            turned = dZ @ X
+        dA = -X.transpose(0, 2, 1) @ turned
+        d_load = -turned.transpose(0, 2, 1)[1] @ _solved(s.free(Z)[1:2], self.load[:, None])[0, :, 0]
+        F = to_complex(forces.coefficients[:, :size].T)  # harmonics x joints
+        residual = to_complex(q.T) + np.einsum("hij,hj->hi", A, F)
+        residual[1] -= load
+        by_omega = np.einsum("hij,hj->hi", dA, F) + np.einsum("hij,hj->hi", A, to_complex(forces.by_omega.T))
+        by_omega[1] -= d_load * self.amplitude
+        by_motion = to_complex(forces.by_motion.transpose(1, 0, 2))  # harmonics x joints x size
+        J = np.empty((joints, size, joints, size + 0))
+        coupled = A[:, :, :, None] * by_motion[:, None]  # harmonics x joint x joint x size
+        J[:] = to_real(coupled).transpose(1, 0, 2, 3)
+        matrix = J.reshape(joints * size, joints * size)
+        matrix[np.diag_indices(len(matrix))] += 1.0
+        return to_real(residual).T.ravel(), np.column_stack([matrix, to_real(by_omega).T.ravel()])
+
+    def scale(self, u: Array) -> Array:
+        """Return the sizes of the unknowns."""
+        size = float(np.abs(self.motion(u)).sum(axis=1).max()) or 1.0
+        return np.append(np.full(len(u) - 1, size), abs(u[-1]))
+
+    def resized(self, u: Array) -> Array | None:
+        """Return the unknowns with more harmonics, if those left out would move the joints, else None."""
+        if self._left_out <= self.structure.tail or self.harmonics >= self.max_harmonics:
+            if self._needed < self.harmonics - _SPARE:
+                self.harmonics = max(MIN_HARMONICS, self._needed + 2)
+            return None
+        self.harmonics = min(self.max_harmonics, self.harmonics + 2 + self.harmonics // 3)
+        return self.padded(u)
+
+    def padded(self, v: Array) -> Array:
+        """Return a vector of unknowns with as many harmonics as the equations have now."""
+        q, size = v[:-1].reshape(self.joints, -1), 2 * self.harmonics + 1
+        out = np.zeros((self.joints, size))
+        kept = min(size, q.shape[1])
+        out[:, :kept] = q[:, :kept]
+        return np.append(out.ravel(), v[-1])
+
+    def modal_motion(self, u: Array) -> ComplexArray:
+        """Return the amplitudes of all modes at the last solution (H + 1 x n)."""
+        s, omega, (at, forces) = self.structure, float(u[-1]), self._last
+        change = self.motion(u) - self.motion(at)  # of the last step of Newton's iteration
+        f = forces.coefficients[:, : change.shape[1]] + forces.by_omega * (omega - at[-1])
+        f = f + np.einsum("jik,jk->ji", forces.by_motion, change)
+        modal = -(to_complex(f.T) @ s.deflections)
+        modal[1] += self.amplitude * self.load
+        Z, _ = s.stiffness(omega, len(modal) - 1)
+        return np.asarray(_solved(s.free(Z), modal[:, :, None])[:, :, 0])
+
+
+def _solved(Z: ComplexArray, right: Array | ComplexArray) -> ComplexArray:
+    """Return ``Z^-1 right`` of each harmonic (H + 1 x n x columns), Z diagonal or full."""
+    if Z.ndim == 2:
+        return np.asarray(right / Z[:, :, None])
+    shape = np.broadcast_shapes(right.shape[:-2], (len(Z),))
+    return np.asarray(np.linalg.solve(Z, np.broadcast_to(right, (*shape, *right.shape[-2:]))))

@@ -1,0 +1,244 @@
+"""Steady states of structures with nonlinear joints: harmonic balance, stability.
+
+The oracles share no code with it: SciPy's DOP853 over a period, linear frequency responses, and matrix
+exponentials. Long time responses of the march from rest, whose integrator is another one, stand beside.
+"""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from dynid.errors import NumericalError, UsageError
+from dynid.lti.signals import Multisine
+from dynid.structure.assembly import Support
+from dynid.structure.damping import ProportionalDamping
+from dynid.structure.frame import beam
+from dynid.structure.joint_laws import (
+    BoucWen,
+    BoundLaw,
+    Cubic,
+    Gap,
+    Jenkins,
+    Power,
+    QuadraticDamping,
+)
+from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.lumped import Link, lumped
+from dynid.structure.model_laws import joint_law
+from dynid.structure.nonlinear.cycle import basis, cycle_force
+from dynid.structure.nonlinear.steady_states import GROUP, harmonic_balance
+from dynid.structure.ports import Channel, Load
+from dynid.structure.response import frequency_response, time_response
+
+LAWS = {
+    "cubic": BoundLaw(Cubic(), (2.0,)),
+    "jenkins": BoundLaw(Jenkins(), (3.0, 1.0)),
+    "jenkins that never slips": BoundLaw(Jenkins(), (3.0, 9.0)),
+    "bouc_wen": BoundLaw(BoucWen(), (2.0, 1.5, 0.5)),
+    "bouc_wen, n = 2": BoundLaw(BoucWen(2.0), (2.0, 1.5, -0.5)),
+    "gap": BoundLaw(Gap(), (5.0, 0.4, 0.0)),
+    "damped gap with an offset": BoundLaw(Gap("positive"), (5.0, 0.4, 0.7), 0, 0.1),
+    "power": BoundLaw(Power(1, 1, ("v",)), (2.0,)),
+    "quadratic_damping": BoundLaw(QuadraticDamping(), (2.0,)),
+}
+MOTION = np.array([0.05, 1.0, 0.3, 0.08, -0.05, 0.1, 0.04])
+
+
+def settled(law, q, omega, hidden=None):
+    """Return the force of a closed cycle: each evaluation continues from the last one."""
+    for _ in range(3):
+        cycle = cycle_force(law, q, omega, hidden)
+        hidden = cycle.hidden
+    return cycle
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_derivatives_of_the_force_over_a_cycle_are_differences(name):
+    law, omega, step, n = LAWS[name], 1.3, 1e-6, len(MOTION)
+    cycle = settled(law, MOTION, omega)
+
+    def difference(change):
+        high, low = (settled(*change(sign * step), cycle.hidden).coefficients[:n] for sign in (1, -1))
+        return (high - low) / (2 * step)
+
+    for direction in np.random.default_rng(0).normal(size=(2, n)):
+        by_motion = difference(lambda s, along=direction: (law, MOTION + s * along, omega))
+        assert cycle.by_motion @ direction == pytest.approx(by_motion, abs=1e-8)
+    assert cycle.by_omega == pytest.approx(difference(lambda s: (law, MOTION, omega + s)), abs=3e-9)
+    for k in range(len(law.values)):
+
+        def changed(s, k=k):
+            values = tuple(value + s * (place == k) for place, value in enumerate(law.values))
+            return BoundLaw(law.law, values, 0, law.offset), MOTION, omega
+
+        assert cycle.by_parameters[:, k] == pytest.approx(difference(changed), abs=3e-9)
+
+
+def test_the_force_of_a_slider_is_that_of_small_steps():
+    law, omega, n = LAWS["jenkins"], 1.3, 50_000
+    theta = 2 * np.pi * np.arange(2 * n) / n
+    d = basis(theta[:n], 3)[0] @ MOTION
+    force, z = np.empty(2 * n), 0.0
+    for index, value in enumerate(np.concatenate([d, d]).tolist()):
+        z = min(max(z, value - 1 / 3), value + 1 / 3)
+        force[index] = 3.0 * (value - z)
+    coefficients = settled(law, MOTION, omega).coefficients
+    expected = 2 / n * basis(theta[:n], 5)[0].T @ force[n:]
+    expected[0] /= 2
+    assert coefficients[:11] == pytest.approx(expected, abs=1e-8)
+
+
+def masses(law, *parameters, dofs=(1, 2), links=None):
+    """Return two masses with a law between them, or at one of them."""
+    if links is None:
+        links = [Link((1,), 1000.0, 2.0), Link((2,), 500.0, 1.0)]
+    joint = Joint("j", dofs, laws=(joint_law(law, [JointParameter(value) for value in parameters]),))
+    return lumped([1.0, 1.2], links).joined([joint])
+
+
+def cantilever(law, *parameters):
+    """Return a beam with a law at its tip, and the tip."""
+    bare = beam(
+        6, 1.0, 500.0, 3.0, supports=[Support(1, ("w", "theta"))], damping=ProportionalDamping(1.0, 1e-5)
+    )
+    tip = bare.dofs[-2]
+    joint = Joint("j", (tip,), laws=(joint_law(law, [JointParameter(value) for value in parameters]),))
+    return bare.joined([joint]), tip
+
+
+def curve(result):
+    names = ("omega", "amplitude", "response", "stable", "multiplier")
+    return tuple(result[f"{GROUP}/{name}"].data for name in names if f"{GROUP}/{name}" in result)
+
+
+def motion_at(response, theta):
+    return (response * np.exp(1j * np.outer(theta, np.arange(len(response))))).real.sum(axis=1)
+
+
+def after_a_long_time(model, dof, amplitude, omega, periods=300, samples=64):
+    """Return a period of the displacement of a DOF after many periods from rest."""
+    times = np.arange(samples * periods + 1) * 2 * np.pi / omega / samples
+    load = Load(dof, Multisine((amplitude,), (omega,), (np.pi / 2,)))
+    result = time_response(model, [load], [Channel(dof, "displacement")], times)
+    return result["structure/time_response/response"].data[-samples - 1 : -1, 0]
+
+
+@pytest.mark.parametrize(
+    ("law", "parameters", "amplitude", "stop", "error"),
+    [
+        (Cubic(), (1e6,), 1.0, 47.0, 1e-8),
+        (Jenkins(), (300.0, 0.3), 0.5, 42.7, 1e-5),
+        (Gap(), (3e3, 0.005, 0.0), 0.5, 44.5, 1e-5),
+    ],
+)
+def test_a_steady_state_is_a_long_time_response(law, parameters, amplitude, stop, error):
+    model, tip = cantilever(law, *parameters)
+    omega, _, response = curve(harmonic_balance(model, tip, amplitude, 42.0, stop, stability=False))
+    expected = after_a_long_time(model, tip, amplitude, omega[-1])
+    motion = motion_at(response[-1], 2 * np.pi * np.arange(64) / 64)
+    assert omega[-1] == pytest.approx(stop)
+    assert motion == pytest.approx(expected, abs=error * np.abs(expected).max())
+
+
+def test_unstable_states_are_periodic_and_stability_changes_at_folds():
+    model = masses(Cubic(), 4e5)
+    result = harmonic_balance(model, 1, 2.0, 25.0, 60.0, output=2)
+    omega, amplitude, response, stable, multiplier = curve(result)
+    other = curve(harmonic_balance(model, 1, 2.0, 25.0, 60.0, stability=False))
+    folds = np.flatnonzero(np.diff(np.sign(np.diff(omega)))) + 1
+    changes = np.flatnonzero(np.diff(stable.astype(int)))
+    assert len(folds) >= 2
+    assert result.group_attrs[GROUP]["folds"] == len(folds)
+    assert len(changes) == len(folds)
+    assert np.abs(folds - changes).max() <= 1
+    assert np.all((multiplier > 1) == ~stable)
+    # An unstable state and a stable one against SciPy over a period, from where harmonic balance begins.
+    for index in (int(multiplier.argmax()), int(amplitude.argmax())):
+        w = omega[index]
+        x = [motion_at(r[index], np.zeros(1))[0] for r in (other[2], response)]
+        v = [(1j * w * np.arange(r.shape[1]) * r[index]).sum().real for r in (other[2], response)]
+
+        def rate(t, y, w=w):
+            f = 4e5 * (y[0] - y[1]) ** 3
+            return [
+                y[2],
+                y[3],
+                2 * np.cos(w * t) - 1000 * y[0] - 2 * y[2] - f,
+                (f - 500 * y[1] - y[3]) / 1.2,
+            ]
+
+        over = solve_ivp(
+            rate, (0, 2 * np.pi / w), [*x, *v], method="DOP853", rtol=1e-12, atol=1e-14, dense_output=True
+        )
+        theta = 2 * np.pi * np.arange(65) / 64
+        motion = motion_at(response[index], theta)
+        assert motion == pytest.approx(over.sol(theta / w)[1], abs=1e-8 * amplitude[index])
+
+
+def test_small_motions_are_linear():
+    model = masses(Cubic(), 1.0)
+    omega, amplitude, response, stable, multiplier = curve(harmonic_balance(model, 2, 1e-6, 50.0, 20.0))
+    linear = frequency_response(model, [2], [Channel(2, "displacement")], omega[::-1])
+    expected = linear["structure/frequency_response/response"].data[::-1, 0, 0]
+    assert response[:, 1] == pytest.approx(1e-6 * expected, rel=1e-9)
+    assert amplitude == pytest.approx(1e-6 * np.abs(expected), rel=1e-9)
+    assert stable.all()
+    A = np.zeros((4, 4))
+    A[:2, 2:] = np.eye(2)
+    A[2:, :2], A[2:, 2:] = np.diag([-1000, -500 / 1.2]), np.diag([-2, -1 / 1.2])
+    for w, size in zip(omega[::9], multiplier[::9], strict=True):
+        assert size == pytest.approx(np.abs(np.linalg.eigvals(expm(A * 2 * np.pi / w))).max(), rel=1e-8)
+
+
+def test_a_structure_that_its_law_alone_holds():
+    links = [Link((1, 2), 1000.0, 2.0), Link((2,), 0.0, 1.0)]
+    model = masses(Cubic(), 4e5, dofs=(1,), links=links)
+    omega, amplitude, response, stable = curve(harmonic_balance(model, 2, 3.0, 40.0, 30.0))[:4]
+    assert stable[-1]
+    w = omega[-1]
+    first = curve(harmonic_balance(model, 2, 3.0, 40.0, 30.0, output=1, stability=False))[2]
+    x = [motion_at(r[-1], np.zeros(1))[0] for r in (first, response)]
+    v = [(1j * w * np.arange(r.shape[1]) * r[-1]).sum().real for r in (first, response)]
+
+    def rate(t, y):
+        link = 1000 * (y[0] - y[1]) + 2 * (y[2] - y[3])
+        return [y[2], y[3], -link - 4e5 * y[0] ** 3, (link + 3 * np.cos(w * t) - y[3]) / 1.2]
+
+    end = solve_ivp(rate, (0, 2 * np.pi / w), [*x, *v], method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
+    assert end[:2] == pytest.approx(x, abs=1e-8 * amplitude[-1])
+
+
+def test_a_slider_that_sticks_is_a_spring():
+    model = masses(Jenkins(), 300.0, 1e3)
+    linear = masses(
+        Cubic(), 0.0, links=[Link((1,), 1000.0, 2.0), Link((2,), 500.0, 1.0), Link((1, 2), 300.0)]
+    )
+    omega, _, response, stable, _ = curve(harmonic_balance(model, 2, 1.0, 30.0, 20.0))
+    expected = frequency_response(linear, [2], [Channel(2, "displacement")], omega[::-1])
+    expected = expected["structure/frequency_response/response"].data[::-1, 0, 0]
+    assert response[:, 1] == pytest.approx(expected, rel=1e-9)
+    assert stable.all()
+
+
+def test_hysteresis_and_damped_impacts_agree_with_the_march():
+    # The march over a period confirms every state; here its multipliers are below 1.
+    hysteretic, stopped = (
+        masses(BoucWen(), 300.0, 60.0, 20.0),
+        masses(Gap("positive"), 2e3, 2e-3, 5.0, dofs=(2,)),
+    )
+    for model in (hysteretic, stopped):
+        stable = curve(harmonic_balance(model, 2, 1.0, 18.0, 20.0))[3]
+        assert stable.all()
+
+
+def test_refusals():
+    model = masses(Cubic(), 4e5)
+    with pytest.raises(NumericalError, match="not left its interval after 4 points"):
+        harmonic_balance(model, 1, 5.0, 25.0, 50.0, points=4)
+    massless = lumped([1.0, 0.0], [Link((1,), 1000.0), Link((1, 2), 500.0)]).joined(model.joints)
+    with pytest.raises(UsageError, match="needs mass everywhere"):
+        harmonic_balance(massless, 1, 5.0, 25.0, 50.0)
+    hysteretic = lumped([1.0, 1.2], [Link((1,), 1000.0, eta=0.1), Link((2,), 500.0)]).joined(model.joints)
+    with pytest.raises(UsageError, match="steady state by harmonic balance"):
+        harmonic_balance(hysteretic, 1, 5.0, 25.0, 50.0)
