@@ -62,7 +62,8 @@ def solve(
 ) -> Point | None:
     """Return the solution at which ``row @ (unknowns / scale)`` has a value, or None.
 
-    None: Newton does not converge; `u`: where it starts; `row` (N + 1); `tangent`: by which the new one is oriented; default: `row`.
+    `u`: where Newton's iteration starts, without whose convergence there is none; `row` (N + 1); `tangent`:
+    by which the new one is oriented; default: `row`.
     """
     scale = equations.scale(u)
     evaluations = 0

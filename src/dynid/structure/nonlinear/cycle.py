@@ -184,7 +184,7 @@ class _Cycle:
         return of_d, of_v
 
     def closed(self, hidden: tuple[float, int] | None) -> CycleForce:
-        """Return the force of the closed loop, to first order in what a cycle changes of a nearby hidden state.
+        """Return the force of the closed loop, to first order in the change of a hidden state.
 
         In Newton's iteration on the deflection, of which each evaluation begins where the last one closed,
         the remaining error vanishes with the step.
@@ -240,7 +240,7 @@ class _Cycle:
         )
 
     def _rest(self, low: float, z: float, slopes: Array, regime: int) -> tuple[_Segment, int | None]:
-        """Return the segment of a regime in which the hidden state is constant, and the guard that ends it."""
+        """Return the segment of a regime with a constant hidden state, and the guard that ends it."""
         first = int(np.searchsorted(self.scan, low + _EVENT_TOL))
         theta = np.concatenate([[low], self.scan[first:]])
         guards = self.law.guards(regime, self.d[first:], self.v[first:], z)

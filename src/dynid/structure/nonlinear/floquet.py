@@ -19,8 +19,8 @@ from dynid.structure.nonlinear.harmonic_balance import Condensed
 from dynid.structure.nonlinear.march import march
 from dynid.structure.nonlinear.tables import LinearRest, Motion, Refine, Regimes, Steps, load_points
 
-# Change of the state over a period, relative to its size, of a march on a steady state: of the truncated harmonics,
-# over what they are in `harmonic_balance`.
+# Change of the state over a period, relative to its size, beyond which a march does not confirm a steady
+# state: harmonics that are left out change it by less.
 _PERIOD_TOL = 1e-3
 # Steps of a period to begin with, and those beyond which the steady state is not confirmed.
 _STEPS, _MAX_STEPS = 16, 256

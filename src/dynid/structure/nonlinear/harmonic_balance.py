@@ -1,9 +1,10 @@
 """Steady states under a sine by harmonic balance, condensed to the deflections of the joints with laws.
 
-In modal coordinates of the structure with the tangents of its laws at rest, the deflections of harmonic h are
-``D_h = B_h P - A_h F_h``: the compliance ``A_h = R Z_h^-1 R^T``, ``Z_h = Lambda + i h omega C - (h omega)^2``, and
-what the laws' forces have beyond their tangents, F_h (`dynid.structure.nonlinear.cycle`). The unknowns are the
-deflections' Fourier coefficients; all derivatives are exact.
+In modal coordinates of the structure with the tangents of its laws at rest, the deflections of harmonic h
+are ``D_h = B_h P - A_h F_h``: the compliance ``A_h = R Z_h^-1 R^T``, the dynamic stiffness
+``Z_h = Lambda + i h omega C - (h omega)^2``, and what the laws' forces have beyond their tangents, F_h
+(`dynid.structure.nonlinear.cycle`). The unknowns are the deflections' Fourier coefficients; all derivatives
+are exact.
 
 Source: M. Krack, J. Gross, Harmonic Balance for Nonlinear Vibration Problems, Springer (2019).
 """
@@ -28,8 +29,8 @@ from dynid.structure.state_space import massless_motion
 _CLASSICAL_TOL = 1e-12
 # An eigenvalue of the stiffness, relative to the largest, that is round-off: its mode is of the rigid body.
 _RIGID_TOL = 1e-12
-# What harmonics that are left out would deflect, relative to the deflection: of smooth laws, and of others, whose
-# harmonics decay by powers.
+# What harmonics that are left out would deflect, relative to the deflection: of smooth laws, and of others,
+# whose harmonics decay by powers.
 _SMOOTH_TAIL, _KINKED_TAIL = 1e-10, 3e-6
 # Part of that below which the highest harmonics are dropped again, and how many of them.
 _NEEDED, _SPARE = 0.3, 4
@@ -243,10 +244,7 @@ class ForcedResponse:
         parts = np.abs(to_complex(q.T)).max(axis=1) > _NEEDED * s.tail * sizes
         self._needed = int(np.flatnonzero(parts).max(initial=0))
         A, X, dZ = A[: harmonics + 1], X[: harmonics + 1], dZ[: harmonics + 1]
-        if s.damping.ndim == 1:
-            turned = dZ[:, :, None] * X
-        else:
-            turned = dZ @ X
+        turned = dZ[:, :, None] * X if s.damping.ndim == 1 else dZ @ X
         dA = -X.transpose(0, 2, 1) @ turned
         d_load = -turned.transpose(0, 2, 1)[1] @ _solved(s.free(Z)[1:2], self.load[:, None])[0, :, 0]
         F = to_complex(forces.coefficients[:, :size].T)  # harmonics x joints

@@ -102,7 +102,7 @@ def harmonic_balance(
 
 
 def half_peak_to_peak(motion: ComplexArray) -> float:
-    """Return half of the range of ``Re sum motion_h exp(i h theta)``: extremes of samples, refined by Newton."""
+    """Return half of the range of ``Re sum motion_h exp(i h theta)``, from samples refined by Newton."""
     q = to_real(motion)
     order = np.arange(len(motion))
     theta = 2 * np.pi * np.arange(32 * len(motion)) / (32 * len(motion))
