@@ -59,7 +59,7 @@ def test_what_inputs_reach_and_outputs_show_is_kept():
 )
 def test_discrete_forms_are_those_of_scipy(method, scipy_method):
     top, bottom, T = [3, 2, 1], [1, 4, 5], Fraction(1, 5)
-    F, g, h, d = discrete_controller([*map(Fraction, top)], [*map(Fraction, bottom)], method, T)
+    F, g, h, d, _ = discrete_controller([*map(Fraction, top)], [*map(Fraction, bottom)], method, T)
     above, below, _ = cont2discrete((top, bottom), 0.2, scipy_method)
     z = np.exp(0.7j)
     matrix, column, row = (np.array([[float(x) for x in line] for line in part]) for part in (F, [g], [h]))

@@ -248,7 +248,7 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
             delayed=delayed,
             storages=len(modelled.storages),
         )
-        if analysis.linearisation is not None and analysis.sampled_loops is None:
+        if analysis.nonlinear:
             from dynid.bondgraph.results.operating_point import add_nonlinear_response
 
             report_progress("nonlinear time response")

@@ -167,9 +167,10 @@ class Analysis:
     opened: BondGraph | None = None
     loops: tuple[Loop, ...] = ()
     #: linearisation, law_outputs: Of a graph with laws: its linearisation, and the outputs as the graph with
-    #: laws has them.
+    #: laws has them; of limited loops around a linear graph those of the graph without feedback.
     linearisation: Linearisation | None = None
     law_outputs: tuple[Port, ...] = ()
+    law_loops: tuple[Loop, ...] = ()  # its loops, as the graph with laws has what they measure
     feedback: StateFeedback | None = None  # the designed feedback of states, whose loops `loops` are
     #: True: there is one signal for each input, and the responses to them are apart, not added.
     apart: bool = False
@@ -178,6 +179,11 @@ class Analysis:
     def late(self) -> bool:
         """True if a loop has a delay."""
         return any(loop.delayed for loop in self.loops)
+
+    @property
+    def nonlinear(self) -> bool:
+        """True if it has laws or limited controllers."""
+        return self.linearisation is not None or any(loop.limits is not None for loop in self.loops)
 
     @property
     def in_time(self) -> bool:

@@ -7,11 +7,12 @@ The states of a controller are flows of unit inertias (an analogue computer).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise, zip_longest
 from math import factorial
+from typing import NamedTuple
 
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arithmetic.ldl import reference
@@ -41,6 +42,18 @@ class Sampling:
     method: str = "tustin"  # its discrete form (`analysis_request.Discretisation`)
 
 
+class Limits(NamedTuple):
+    """Limits of what a controller gives, and the time constant of its anti-windup, s; 0: it has none.
+
+    By back-calculation (Åström and Hägglund 1995, 3.5) its answer a has the integral of
+    (limited a - a)/tracking added: beyond the limits an integrating controller follows what it can give.
+    """
+
+    low: Fraction
+    high: Fraction
+    tracking: Fraction
+
+
 @dataclass(frozen=True)
 class Loop:
     """A feedback: the source gives reference + controller · (setpoint - what is measured)."""
@@ -58,6 +71,7 @@ class Loop:
     #: Of a sampled controller; None: it is continuous.
     sampling: Sampling | None = None
     line: str = ""  # the line that it is a direction of; empty: it is a feedback
+    limits: Limits | None = None  # of its answer, in time responses that are not linear
 
     @property
     def delayed(self) -> bool:
@@ -122,24 +136,33 @@ class ClosedLoops:
     integrals: dict[str, Port]
     #: Of the loops with delays that are cut: the source that stands for the delayed answer, and the answer.
     delayed: tuple[tuple[str, Port], ...] = ()
+    #: Of limited answers: the resistor of effort zero whose flow is that of the port within the limits.
+    limited: tuple[tuple[str, Port, Limits], ...] = ()
 
 
 def close_loops(
-    graph: BondGraph, loops: Iterable[Loop], *, cut: bool = False, named: bool = False
+    graph: BondGraph,
+    loops: Iterable[Loop],
+    *,
+    cut: bool = False,
+    named: bool = False,
+    lawful: Container[str] | None = None,
 ) -> ClosedLoops:
     """Return a graph with feedback; delays are approximated, sampled loops cut, or delays are `cut` out.
 
-    `named`: a delay is a factor of a name of its own, in formulas without numbers.
+    `named`: a delay is a factor of a name of its own, in formulas without numbers. `lawful`: answers are
+    limited, and these nodes have laws in place of values.
 
     Raises `UsageError` if a controller differentiates more than once.
     """
-    circuit, loops = Circuit(graph, named=named), list(loops)
+    circuit, loops = Circuit(graph, named=named, lawful=lawful), list(loops)
     for source in dict.fromkeys(loop.source for loop in loops):
         circuit.drive(source)
     exact = cut or named
     answered = tuple(circuit.close(loop if exact else loop.approximated()) for loop in loops)
     closed = BondGraph(circuit.nodes.values(), circuit.bonds)
-    return ClosedLoops(closed, circuit.variables, answered, circuit.integrals, tuple(circuit.delayed))
+    parts = circuit.variables, answered, circuit.integrals, tuple(circuit.delayed), tuple(circuit.limited)
+    return ClosedLoops(closed, *parts)
 
 
 class Circuit:
@@ -147,8 +170,11 @@ class Circuit:
 
     part = "control"  # of the nodes that are added
 
-    def __init__(self, graph: BondGraph, *, named: bool = False) -> None:
-        self.graph, self.named = graph, named
+    def __init__(
+        self, graph: BondGraph, *, named: bool = False, lawful: Container[str] | None = None
+    ) -> None:
+        self.graph, self.named, self.lawful = graph, named, lawful
+        self.limited: list[tuple[str, Port, Limits]] = []
         self.nodes = dict(graph.nodes)
         self.bonds = list(graph.bonds)
         self.driven: dict[str, int] = {}  # by driven source 1 where its arrow points away, else -1
@@ -186,6 +212,8 @@ class Circuit:
             self.nodes[loop.reference] = Node(loop.reference, kind)
             self._add_source(loop.reference, loop.source)
         answer = self._prompt_answer(loop.source, kind) if reference(loop.delay) else loop.source
+        if self.lawful is not None and loop.limits is not None:
+            answer = self._limited_answer(loop.source, loop.limits)
         at, scale = self.measure(loop.measured, loop.source)
         answered = self.variables.get(loop.measured, loop.measured)
         if loop.setpoint:
@@ -230,6 +258,24 @@ class Circuit:
         self.driven[answer] = 1
         return answer
 
+    def _limited_answer(self, source: str, limits: Limits) -> str:
+        """Return the junction of an answer that reaches a driven source within limits."""
+        answer, within = self.total(f"{source}.answer", []), self._add("1", f"{source}.limited")
+        self.driven[answer] = 1
+        law = self._add("R", f"{within}_R", Fraction(1))
+        self.bonds.append(Bond(within, law))
+        self.limited.append((law, Port(answer, "f"), limits))
+        self._activate(within, source, self.driven[source] * Fraction(1))
+        if limits.tracking:
+            integral, rate = self._integrator(f"{source}.tracking"), 1 / limits.tracking
+            for tail, head, gain in (
+                (within, integral, rate),
+                (answer, integral, -rate),
+                (integral, answer, Fraction(1)),
+            ):
+                self._activate(tail, head, gain)
+        return answer
+
     def measure(self, port: Port, owner: str) -> tuple[str, Real]:
         """Return a junction whose common variable, times a factor, is a variable of the graph."""
         behind, node = self.graph.behind(port), self.graph.nodes[port.node]
@@ -246,7 +292,7 @@ class Circuit:
                 bond = self.bonds[index]
                 self.bonds[index : index + 1] = [Bond(bond.tail, sensor), Bond(sensor, bond.head)]
             at = self._sensors[key]
-        if self.graph.is_state(port):
+        if self.graph.is_state(port) and port.node not in (self.lawful or ()):
             value: Real = node.dependent or self.graph.value(port.node)
             return at, bond_sign(self.graph, port.node) * value
         if port.quantity in "qp":

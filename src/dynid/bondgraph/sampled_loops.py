@@ -148,13 +148,13 @@ class SampledLoops:
         bits = ctx.prec if any(timing.method == "zoh" for timing in self._timing) else 0
         if (period, bits) not in self._discrete:
             self._discrete[period, bits] = [
-                discrete_controller(*quotient, timing.method, period, loop.place)
+                discrete_controller(*quotient, timing.method, period, loop.place, _tracking(loop))
                 for quotient, timing, loop in zip(self._quotients, self._timing, self.loops, strict=True)
             ]
         return self._discrete[period, bits]
 
-    def float_controllers(self) -> tuple[SampledController, ...]:
-        """Return the controllers in doubles."""
+    def float_controllers(self, *, limited: bool = False) -> tuple[SampledController, ...]:
+        """Return the controllers in doubles, `limited`: with the limits of their answers."""
         from flint import ctx
 
         with ctx.workprec(DOUBLE_BITS):
@@ -165,9 +165,13 @@ class SampledLoops:
 
         return tuple(
             SampledController(
-                array(F).reshape(len(h), len(h)), array([g])[0], array([h])[0], float(d), computation
+                *(array(F).reshape(len(h), len(h)), array([g])[0], array([h])[0], float(d), computation),
+                array([weights])[0],
+                *(map(float, loop.limits[:2]) if limited and loop.limits is not None else ()),
             )
-            for (F, g, h, d), computation in zip(exact, self.computations, strict=True)
+            for loop, (F, g, h, d, weights), computation in zip(
+                self.loops, exact, self.computations, strict=True
+            )
         )
 
     def answers(self) -> Callable[[ComplexArray], ComplexArray]:
@@ -485,6 +489,10 @@ def _first_change(function: Callable[[float], float], trials: Iterable[float]) -
 
 def _exact(number: Any) -> Fraction:
     return rounded_number(reference(number))
+
+
+def _tracking(loop: Loop) -> Fraction:
+    return Fraction(0) if loop.limits is None else loop.limits.tracking
 
 
 def with_rational_values(graph: BondGraph) -> BondGraph:

@@ -33,11 +33,17 @@ _FAST = 1e-3
 
 
 def sampled_system(
-    loops: SampledLoops, inputs: Sequence[str], outputs: Sequence[Port], initial: Sequence[str] = ()
+    loops: SampledLoops,
+    inputs: Sequence[str],
+    outputs: Sequence[Port],
+    initial: Sequence[str] = (),
+    *,
+    limited: bool = False,
 ) -> tuple[SampledSystem, ReducedGraph]:
     """Return a graph with sampled loops as a system with sampled controllers, and the graph without them.
 
     `initial`: storages with energy at t = 0, each with an input `initial:NAME` after those of the graph.
+    `limited`: answers are within their limits, and the system is not linear.
     """
     cut = cut_graph(loops.opened, loops.loops, loops.continuous)
     shown, leaving = [*outputs, *cut.answered], [port for _, port in cut.delayed]
@@ -47,7 +53,8 @@ def sampled_system(
     columns = [*inputs, *(f"initial:{name}" for name in initial), *cut.held, *arriving]
     lft = state_space(reduced, tuple(initial)).with_inputs(columns)
     plant = DelaySystem(lft, loops.delays).with_outputs([rows.index(port) for port in shown])
-    return SampledSystem(plant.lft, loops.delays, loops.float_controllers(), loops.period), reduced
+    controllers = loops.float_controllers(limited=limited)
+    return SampledSystem(plant.lft, loops.delays, controllers, loops.period), reduced
 
 
 def sampled_steps(

@@ -135,7 +135,7 @@ class SampledEquations:
             base[i][:n] = whole[i][:n]
         answers = []
         C, D = self._balls(self.plant.C, bits), self._balls(self.plant.D, bits)
-        for j, (F, g, h, d) in enumerate(controllers):
+        for j, (F, g, h, d, _) in enumerate(controllers):
             measured = {k: value for k, value in enumerate(C[j]) if value != 0}
             measured |= {under_way[i] + steps[i]: value for i, value in enumerate(D[j]) if value != 0}
             answer = [0] * size

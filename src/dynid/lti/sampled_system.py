@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from heapq import heappop, heappush
 from math import lcm
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -22,36 +24,52 @@ _AFTER = 1e-9
 
 
 _Terms = list[tuple[float, int]]
-"""Factors of states by their number, and of what is measured, -1, in the order of addition."""
+"""Factors of states by their number, of what is measured, -1, and of what is beyond limits, -2, in order."""
 
 
-class SampledController(NamedTuple):
-    """ξ[k+1] = F ξ[k] + g y[k], answer -(h ξ[k] + d y[k]), held from its computation time on."""
+@dataclass(frozen=True, eq=False)
+class SampledController:
+    """ξ[k+1] = F ξ[k] + g y[k] + t w[k], answer a = -(h ξ[k] + d y[k]), held from its computation time on.
+
+    Of an answer with limits, what is beyond these is w.
+    """
 
     F: Array
     g: Array
     h: Array
     d: float
     computation: Fraction  # s
+    t: Array
+    low: float = -math.inf
+    high: float = math.inf
 
     @property
+    def limited(self) -> bool:
+        """True if the answer has limits."""
+        return self.low > -math.inf
+
+    @cached_property
     def terms(self) -> tuple[_Terms, list[_Terms]]:
         """The answer, and every next state, as sums of products: the arithmetic of its C function, too."""
-        rows = [(-self.h, -self.d), *zip(self.F, self.g, strict=True)]
+        weights = self.t if self.limited else 0 * self.t
+        rows = [(-self.h, -self.d, 0.0), *zip(self.F, self.g, weights, strict=True)]
         answer, *states = (
-            [(factor, k) for k, factor in [*enumerate(row.tolist()), (-1, float(gain))] if factor]
-            for row, gain in rows
+            [
+                (factor, k)
+                for k, factor in [*enumerate(row.tolist()), (-1, float(gain)), (-2, float(weight))]
+                if factor
+            ]
+            for row, gain, weight in rows
         )
         return answer, states
 
     def step(self, state: Sequence[float], measured: float) -> tuple[float, list[float]]:
         """Return the answer to what is measured, and the next state."""
-        values = [*state, measured]
-        answer, *following = (
-            _sum_in_order(factor * values[k] for factor, k in terms)
-            for terms in (self.terms[0], *self.terms[1])
-        )
-        return answer, following
+        answer_terms, rates = self.terms
+        answer = _sum_in_order(factor * [*state, measured][k] for factor, k in answer_terms)
+        given = min(max(answer, self.low), self.high)
+        values = [*state, answer - given, measured]
+        return given, [_sum_in_order(factor * values[k] for factor, k in terms) for terms in rates]
 
 
 def _sum_in_order(products: Iterable[float]) -> float:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.bondgraph.graph import ONE_PORTS, SOURCES, STORAGES, TWO_PORTS, Port, bond_sign
+from dynid.bondgraph.graph import ACTIVATED, ONE_PORTS, SOURCES, STORAGES, TWO_PORTS, Port, bond_sign
 from dynid.bondgraph.operating_point.element_laws import Law, LawGraph
 from dynid.errors import Singular
 
@@ -120,6 +120,8 @@ class LawEquations:
             self.rows.append((name, signs, ""))
         elif kind in SOURCES:
             self.rows.append((name, {2 * at[0] + (kind == "Sf"): unity}, name))
+        elif kind == ACTIVATED:
+            self._add_activated(name)
         elif kind in TWO_PORTS:
             into, out = (at[0], at[1]) if graph.bonds[at[0]].head == name else (at[1], at[0])
             pairs = (
@@ -134,6 +136,17 @@ class LawEquations:
                     self.laws.append(LawRow(name, left, 1, self._arguments(law), right))
         else:
             self._add_element(name, law)
+
+    def _add_activated(self, name: str) -> None:
+        """Add the signal of a junction's common variable into the balance of another; it loads neither."""
+        graph = self.model.graph
+        (into, tail), (out, head) = (
+            (bond, next(end for end in graph.bonds[bond] if end != name))
+            for bond in sorted(self._bonds[name], key=lambda bond: graph.bonds[bond].head != name)
+        )
+        common, fed = graph.nodes[tail].type == "1", graph.nodes[head].type == "0"
+        self.rows.append((name, {2 * into + (not common): Fraction(1)}, ""))
+        self.rows.append((name, {2 * out + fed: Fraction(1), 2 * into + common: -graph.value(name)}, ""))
 
     def _add_element(self, name: str, law: Law | None) -> None:
         graph, kind = self.model.graph, self.model.graph.nodes[name].type

@@ -169,6 +169,11 @@ class LawDynamics:
         y = self.z[: self._count] / self.y_scale
         return np.asarray(self._basis.T @ (y - self._particular @ u))
 
+    def nearest(self, z: Array, columns: list[int], u: Array) -> Array:
+        """Return c at which the efforts and flows of some columns are nearest to their values."""
+        y = (z[columns] / self.y_scale[columns]) - self._particular[columns] @ u
+        return np.asarray(np.linalg.lstsq(self._basis[columns], y, rcond=None)[0])
+
     def rates(self, c: Array, u: Array) -> Array:
         """Return the rates of the states."""
         scaled = self.rate_matrix @ c + self._rates_by(self._particular) @ u

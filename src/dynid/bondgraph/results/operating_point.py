@@ -18,6 +18,8 @@ import numpy as np
 from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.graph import ONE_PORTS, GraphUnits, Port, unit_quotient
+from dynid.bondgraph.operating_point.closed_laws import RestingGraph, resting_graph
+from dynid.bondgraph.operating_point.element_laws import LawGraph
 from dynid.bondgraph.operating_point.equations import LawEquations
 from dynid.bondgraph.operating_point.equilibrium import OperatingPoint
 from dynid.bondgraph.operating_point.linearisation import Linearisation
@@ -27,6 +29,7 @@ from dynid.result import Result
 
 if TYPE_CHECKING:
     from dynid.arrays import Array
+    from dynid.bondgraph.sampled_loops import SampledLoops
     from dynid.lti.generator import Signal
 
 
@@ -122,23 +125,22 @@ def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
     Both are deviations from the operating point. `nonlinear_deviation` is their largest difference, beside
     the largest value of the linear response.
     """
-    assert analysis.linearisation is not None
     assert analysis.times is not None
-    if analysis.loops:
-        result.annotate(_TIME, nonlinear="left out: loops are closed around the linearisation")
-        return
-    point = analysis.linearisation.point
-    ports, times, initial = analysis.law_outputs, analysis.times, analysis.initial
+    point = None if analysis.linearisation is None else analysis.linearisation.point
+    times, initial = analysis.times, analysis.initial
     linear = result[f"{_TIME}/response"]
     try:
-        if analysis.apart:  # in the order of the linear responses
+        if analysis.sampled_loops is not None:
+            outputs, error = _sampled_response(analysis, analysis.sampled_loops)
+        elif analysis.apart:  # in the order of the linear responses
             signals = {name: (name, signal) for name, signal in analysis.signals}
             sources = [str(name) for name in result[f"{_TIME}/source"].data]
-            alone = [_nonlinear_response(point, ports, times, [signals[name]], initial) for name in sources]
+            resting = _resting(analysis)
+            alone = [_nonlinear_response(resting, times, [signals[name]], initial) for name in sources]
             outputs = np.stack([deviations for deviations, _ in alone], axis=-1)
             error = max(error for _, error in alone)
         else:
-            outputs, error = _nonlinear_response(point, ports, times, analysis.signals, initial)
+            outputs, error = _nonlinear_response(_resting(analysis), times, analysis.signals, initial)
     except NumericalError as failure:
         result.annotate(_TIME, nonlinear=f"left out: {failure.problem}")
         return
@@ -147,18 +149,62 @@ def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
     size[size == 0] = 1.0
     deviation = np.abs(outputs - linear.data).max(axis=0) / size
     result.add(f"{_TIME}/nonlinear", outputs, linear.dims, linear.units)
-    states = point.equations.states  # an integral that is none of them counts from t = 0
-    values = [
-        point.value(port) if port.quantity in "ef" or Port(port.node, port.quantity) in states else 0.0
-        for port in analysis.law_outputs
-    ]
-    result.add(f"{_TIME}/operating_value", np.array(values), ("output",), linear.units)
+    if point is not None:
+        states = point.equations.states  # an integral that is none of them counts from t = 0
+        values = [
+            point.value(port) if port.quantity in "ef" or Port(port.node, port.quantity) in states else 0.0
+            for port in analysis.law_outputs
+        ]
+        result.add(f"{_TIME}/operating_value", np.array(values), ("output",), linear.units)
     result.add(f"{_TIME}/nonlinear_deviation", deviation, linear.dims[1:])
-    result.annotate(_TIME, nonlinear_tolerance=TOLERANCE, nonlinear_error=error)
+    if analysis.sampled_loops is None:
+        result.annotate(_TIME, nonlinear_tolerance=CLOSED[0] if analysis.loops else TOLERANCE)
+    result.annotate(_TIME, nonlinear_error=error)
 
 
-#: Relative tolerance of the response, and that of the one it is compared with.
+def _sampled_response(analysis: Analysis, loops: SampledLoops) -> tuple[Array, float]:
+    """Return the response of sampled controllers with limits, which is exact, and its estimated error."""
+    from dynid.bondgraph.sampled_response import sampled_system
+    from dynid.lti.signals import Impulse
+
+    assert analysis.times is not None
+    initial = analysis.initial
+    system, _ = sampled_system(loops, analysis.inputs, analysis.outputs, tuple(initial), limited=True)
+    signals = [*analysis.signals, *((f"initial:{name}", Impulse(float(e))) for name, e in initial.items())]
+    groups = [[signal] for signal in signals] if analysis.apart else [signals]
+    responses = []
+    for group in groups:
+        names, shapes = [name for name, _ in group], [signal for _, signal in group]
+        responses.append(system.with_inputs(names).response(shapes, analysis.times))
+    error = max(float((response.error / _sizes(response.outputs)).max()) for response in responses)
+    outputs = [response.outputs for response in responses]
+    return np.stack(outputs, axis=-1) if analysis.apart else outputs[0], error
+
+
+def _sizes(outputs: Array) -> Array:
+    """Return the largest magnitude of each output, 1 where it is zero."""
+    size = np.abs(outputs).max(axis=0)
+    return np.where(size == 0, 1.0, size)
+
+
+def _resting(analysis: Analysis) -> RestingGraph:
+    """Return the graph of the nonlinear response at rest: with its laws, and loops with limits closed."""
+    if analysis.feedback is not None:
+        raise NumericalError("gains of states are closed around the linearisation")
+    if analysis.linearisation is None:
+        assert analysis.opened is not None
+        flat = LawGraph(analysis.opened_as_read, {})
+        return resting_graph(flat, None, analysis.loops, analysis.law_outputs)
+    point = analysis.linearisation.point
+    if not point.equilibria:
+        raise NumericalError("the point is given, and not solved for as an equilibrium")
+    return resting_graph(point.equations.model, point, analysis.law_loops, analysis.law_outputs)
+
+
+#: Relative tolerance of the response, and that of the one it is compared with; finer ones of closed loops,
+#: whose controllers add up errors.
 TOLERANCE, COARSE = 1e-8, 1e-6
+CLOSED = 1e-10, 1e-8
 #: Largest number of variables of a graph whose nonlinear response is computed.
 _MAX_VARIABLES = 600
 #: Most evaluations of the equations for a response, and as many more for every sample.
@@ -166,22 +212,17 @@ _MOST_EVALUATIONS, _MOST_BY_SAMPLE = 20_000, 20
 
 
 def _nonlinear_response(
-    point: OperatingPoint,
-    outputs: Sequence[Port],
+    resting: RestingGraph,
     times: Array,
     signals: Sequence[tuple[str, Signal]],
     initial: Mapping[str, float | Fraction],
 ) -> tuple[Array, float]:
     """Return deviations of outputs from an equilibrium (times x outputs), and the estimate of their error."""
-    if not point.equilibria:
-        raise NumericalError("the point is given, and not solved for as an equilibrium")
     if any(signal.jump for _, signal in signals):
         raise NumericalError("an impulse has no nonlinear response; give an impact")
-    run = _Run(point, outputs, times, signals, initial)
-    fine, coarse = run.integrated(TOLERANCE), run.integrated(COARSE)
-    size = np.abs(fine).max(axis=0)
-    size[size == 0] = 1.0
-    return fine, float((np.abs(fine - coarse) / size).max(initial=0.0))
+    run = _Run(resting, times, signals, initial)
+    fine, coarse = map(run.integrated, CLOSED if resting.closed else (TOLERANCE, COARSE))
+    return fine, float((np.abs(fine - coarse) / _sizes(fine)).max(initial=0.0))
 
 
 class _Run:
@@ -189,37 +230,40 @@ class _Run:
 
     def __init__(
         self,
-        point: OperatingPoint,
-        outputs: Sequence[Port],
+        resting: RestingGraph,
         times: Array,
         signals: Sequence[tuple[str, Signal]],
         initial: Mapping[str, float | Fraction],
     ) -> None:
         self._times, self._signals = times, signals
-        model, request = point.equations.model, point.request
-        self._equations = equations = LawEquations(
-            model, [*outputs, *(port for port in request.start if port.quantity in "qp")]
-        )
+        model, outputs, inputs = resting.model, resting.outputs, resting.inputs
+        self._equations = equations = LawEquations(model, [*outputs, *resting.integrals])
         if equations.size > _MAX_VARIABLES:
             raise NumericalError(f"the graph has {equations.size} variables, more than {_MAX_VARIABLES}")
-        z = self._point(point)
-        self._sources = tuple(dict.fromkeys([*request.inputs, *(name for name, _ in signals)]))
-        self._rest = np.array([float(request.inputs.get(name, 0)) for name in self._sources])
+        self._sources = tuple(dict.fromkeys([*inputs, *(name for name, _ in signals)]))
+        self._rest = np.array([float(inputs.get(name, 0)) for name in self._sources])
         self._first = 2 * len(model.graph.bonds)
+        z = self._point(resting)
         self._dynamics = LawDynamics(equations, z, self._sources)
         self._c = self._dynamics.at_point(self._rest)
         self._columns = [equations.column(port) for port in outputs]
         self._z, self._x = z, self._with_energy(z, initial)
         self._check_causality()
 
-    def _point(self, point: OperatingPoint) -> Array:
+    def _point(self, resting: RestingGraph) -> Array:
         """Return the variables at the equilibrium; integrals that only outputs need start at zero."""
-        z = np.zeros(self._equations.size)
-        shared = 2 * len(self._equations.model.graph.bonds)
-        z[:shared] = point.solution.z[:shared]
-        for state in self._equations.states:
-            if state in point.equations.states:
-                z[self._equations.column(state)] = point.value(state)
+        equations = self._equations
+        z, states = np.zeros(equations.size), set(equations.states)
+        for port, value in resting.values.items():
+            if port.quantity in "ef" or port in states:
+                z[equations.column(port)] = value
+        if resting.bonds is not None:
+            z[: self._first] = resting.bonds
+            return z
+        dynamics = LawDynamics(equations, z, self._sources)
+        known = [equations.column(port) for port in resting.values if port.quantity in "ef"]
+        c = dynamics.unknowns(dynamics.nearest(z, known, self._rest), z[self._first :], self._rest)
+        z[: self._first] = dynamics.efforts_and_flows(c, self._rest)
         return z
 
     def _with_energy(self, z: Array, initial: Mapping[str, float | Fraction]) -> Array:

@@ -173,9 +173,10 @@ def _nonlinear_facts(result: Result) -> Iterator[Statement]:
         yield Statement(off, head=f"{name}:")
     if len(names) > _OUTPUTS:
         yield Statement(f"… {counted(len(names) - _OUTPUTS, 'more response')} in the file")
-    tolerance, error = (float(about[f"nonlinear_{name}"]) for name in ("tolerance", "error"))
-    accuracy = f"relative tolerance {tolerance:.0e}; estimated error {error:.1g} of the maximum"
-    yield Statement(f"integrated with {accuracy}")
+    how = "exact from sample to sample"
+    if "nonlinear_tolerance" in about:
+        how = f"integrated with relative tolerance {float(about['nonlinear_tolerance']):.0e}"
+    yield Statement(f"{how}; estimated error {float(about['nonlinear_error']):.1g} of the maximum")
 
 
 def _of_point(result: Result, name: str, value: str, unit: str) -> list[tuple[str, str]]:

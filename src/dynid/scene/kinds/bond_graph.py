@@ -315,6 +315,7 @@ def graph_analysis(
         loops=built.loops,
         linearisation=built.linearisation,
         law_outputs=built.law_outputs,
+        law_loops=built.law_loops,
         feedback=built.feedback,
     )
 

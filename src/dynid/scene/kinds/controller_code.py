@@ -26,6 +26,10 @@ _HEADER = """\
 """
 
 
+#: Numbers of what is measured, and of what is beyond limits, in the sums of a controller.
+_MEASURED, _EXCESS = -1, -2
+
+
 def controller_code(scene: Scene[BondGraphScene]) -> str:
     """Return the C code of the sampled controllers of a scene, a function for each.
 
@@ -46,7 +50,7 @@ def controller_code(scene: Scene[BondGraphScene]) -> str:
         )
     names = set[str]()
     text = [_HEADER.format(title=scene.title.replace("*/", "* /"))]
-    for loop, controller in zip(loops.loops, loops.float_controllers(), strict=True):
+    for loop, controller in zip(loops.loops, loops.float_controllers(limited=True), strict=True):
         stem = re.sub(r"\W", "_", loop.source, flags=re.ASCII)
         stem = f"_{stem}"[stem[0].isalpha() :]
         name = unique(stem, names)
@@ -69,16 +73,22 @@ def _function(name: str, controller: SampledController) -> Iterator[str]:
         yield "    (void)state;"
     yield "    const double y = measured - setpoint;"
     answer, rates = controller.terms
-    yield f"    const double u = {_sum(answer)};"
+    yield f"    const double answer = {_sum(answer)};"
+    if controller.limited:
+        low, high = f"{controller.low!r}", f"{controller.high!r}"
+        yield f"    const double u = answer < {low} ? {low} : answer > {high} ? {high} : answer;"
+        if any(k == _EXCESS for terms in rates for _, k in terms):
+            yield "    const double excess = answer - u;"
     for k, terms in enumerate(rates):
         yield f"    const double next_{k} = {_sum(terms)};"
     for k in range(order):
         yield f"    x[{k}] = next_{k};"
-    yield "    return u;"
+    yield f"    return {'u' if controller.limited else 'answer'};"
     yield "}"
 
 
 def _sum(terms: list[tuple[float, int]]) -> str:
-    """Return a sum of products in their order; index -1 is what is measured."""
-    variables = [f"{factor!r} * {'y' if k < 0 else f'x[{k}]'}" for factor, k in terms]
+    """Return a sum of products in their order."""
+    names = {_MEASURED: "y", _EXCESS: "excess"}
+    variables = [f"{factor!r} * {names.get(k, f'x[{k}]')}" for factor, k in terms]
     return " + ".join(variables).replace("+ -", "- ") or "0.0"

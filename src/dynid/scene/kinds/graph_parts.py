@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
@@ -46,6 +46,7 @@ class BuiltGraph(NamedTuple):
     #: Of a graph with laws: its linearisation at the operating point, which `graph` is.
     linearisation: Linearisation | None = None
     law_outputs: tuple[Port, ...] = ()  #: The requested variables, as the graph with laws has them.
+    law_loops: tuple[Loop, ...] = ()  #: The loops, as the graph with laws has what they measure.
     feedback: StateFeedback | None = None  #: The designed feedback of states.
 
 
@@ -131,6 +132,7 @@ def build_graph(
         nodes += expansion.nodes
         bonds += expansion.bonds
         variables |= expansion.variables
+    flat_variables = dict(variables)
     asked = tuple(variables.get(str(output), output) for output in outputs)
     built = BuiltGraph(lines.attached(nodes, bonds), asked, tuple(approximations))
     if nonlinear:
@@ -139,20 +141,32 @@ def build_graph(
         variables |= {str(port): variable for port, variable in linear.variables.items()}
         flat = built.outputs
         built = built._replace(graph=linear.graph, outputs=asked, linearisation=linear, law_outputs=flat)
-    if control is None and not lines.loops:
-        return built
-    from dynid.bondgraph.controller_circuits import close_loops
-
-    loops = [*(_loops(control, variables) if control else ()), *lines.loops]
-    if control is not None and control.states is not None:
+    if control is None:
+        return _closed(built, lines.loops) if lines.loops else built
+    built = built._replace(law_loops=tuple(_loops(control, flat_variables)))
+    loops = [*_loops(control, variables), *lines.loops]
+    if control.states is not None:
         from dynid.bondgraph.state_feedback import design_feedback, feedback_loops
 
         feedback = design_feedback(built.graph, _feedback_request(control, variables))
         opened, loops = feedback_loops(built.graph, feedback)
         built = built._replace(graph=opened, feedback=feedback)
+    return _closed(built, loops)
+
+
+def _closed(built: BuiltGraph, loops: Sequence[Loop]) -> BuiltGraph:
+    """Return a graph with its loops closed."""
+    from dynid.bondgraph.controller_circuits import close_loops
+
     closed = close_loops(built.graph, loops)
-    asked = tuple(closed.variables.get(output, output) for output in asked)
-    return built._replace(graph=closed.graph, outputs=asked, opened=built.graph, loops=tuple(loops))
+    outputs = tuple(closed.variables.get(output, output) for output in built.outputs)
+    return built._replace(
+        graph=closed.graph,
+        outputs=outputs,
+        opened=built.graph,
+        loops=tuple(loops),
+        law_outputs=built.law_outputs or built.outputs,
+    )
 
 
 class _Lines:
@@ -268,7 +282,7 @@ def _expand_structure(
 
 
 def _loop(loop: LoopModel, measured: Port, index: int) -> Loop:
-    from dynid.bondgraph.controller_circuits import Loop, Sampling
+    from dynid.bondgraph.controller_circuits import Limits, Loop, Sampling
 
     controller, path = loop.controller, f"control.loops.{index}"
     quotient: tuple[list[Real], list[Real]]
@@ -282,7 +296,14 @@ def _loop(loop: LoopModel, measured: Port, index: int) -> Loop:
     if controller.sample is not None:
         times = _number(controller.sample), _number(controller.computation)
         sampling = Sampling(*times, controller.method or "tustin")
-    return Loop(measured, loop.source, *quotient, loop.reference, delay, path, loop.setpoint, sampling)
+    limits = None
+    if controller.limits is not None:
+        low, high = controller.limits.min, controller.limits.max
+        limits = Limits(low.exact, high.exact, controller.tracking_time or Fraction(0))
+    return Loop(
+        *(measured, loop.source, *quotient, loop.reference, delay, path, loop.setpoint, sampling),
+        limits=limits,
+    )
 
 
 def _feedback_request(control: ControlModel, variables: Mapping[str, Port]) -> FeedbackRequest:

@@ -541,7 +541,7 @@ class BondGraphScene(ComposedScene):
                 yield ("design", AT_KEY), message + "write them as 'loops', each with a gain"
         if self.graph.lines:
             yield from self._line_faults()
-        if self._nonlinear:
+        if self._nonlinear or (control is not None and control.limited):
             yield from self._nonlinear_faults()
         if control is None:
             return
@@ -567,19 +567,20 @@ class BondGraphScene(ComposedScene):
         )
 
     def _nonlinear_faults(self) -> Iterator[Located]:
-        """Yield the time response of nonlinear laws where delays or samples act on them."""
+        """Yield the time response of nonlinear laws or limits where delays or samples act on them."""
         control: ControlModel | None = self.control
         from dynid.scene.schema.control import DELAY_REMEDY
 
         if control is not None and control.delays:
             where = f"where a loop has a delay; {DELAY_REMEDY}"
-        elif control is not None and control.sampled:
+        elif control is not None and control.sampled and self._nonlinear:
             where = "with sampled loops; leave it out, or write the controllers without 'sample'"
         elif self.graph.lines:
             where = "with a line (TL); leave it out, or write the line as pieces of I and C"
         else:
             return
-        message = f"the response of nonlinear laws is not computed {where}"
+        what = "nonlinear laws" if self._nonlinear else "controllers with 'limits'"
+        message = f"the response of {what} is not computed {where}"
         if self.analysis.results is None and self.analysis.time is not None:
             yield ("analysis", "time", AT_KEY), message
         for index, name in enumerate(self.analysis.results or ()):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
+from fractions import Fraction
+from itertools import accumulate, product
 from math import sqrt
 from typing import Annotated, Literal, Self
 
@@ -57,6 +58,20 @@ class PidModel(Section):
         return self
 
 
+class LimitsModel(Section):
+    """Limits of what a controller gives, and its anti-windup by back-calculation."""
+
+    min: Value
+    max: Value
+    tracking: Positive | None = None
+
+    @model_validator(mode="after")
+    def _hold_rest(self) -> Self:
+        if not self.min.exact <= 0 <= self.max.exact or self.min.exact == self.max.exact:
+            raise fault("'min' is below 'max', and 0, what a controller gives at rest, is within them")
+        return self
+
+
 class ControllerModel(Section):
     """A controller: a PID, a rational function of s, or a gain; each may have a delay, or be sampled."""
 
@@ -68,6 +83,7 @@ class ControllerModel(Section):
     sample: UncertainPositive | None = None
     computation: UncertainNotNegative | None = None
     method: Discretisation | None = None
+    limits: LimitsModel | None = None
 
     @model_validator(mode="after")
     def _is_one_of_them(self) -> Self:
@@ -80,8 +96,47 @@ class ControllerModel(Section):
             )
         if self.denominator is not None and not any(entry.value for entry in self.denominator):
             raise fault("the denominator is zero")
-        raise_faults(self._sampling_faults())
+        raise_faults([*self._sampling_faults(), *self._limit_faults()])
         return self
+
+    def _limit_faults(self) -> Iterator[Located]:
+        """Yield the faults of limits and their anti-windup."""
+        if self.limits is None:
+            return
+        path, order = ("limits", "tracking"), self.integrations
+        if self.delay is not None:
+            yield ("limits", AT_KEY), "a controller with a 'delay' has no 'limits'; leave one of them out"
+        if self.limits.tracking is not None and not order:
+            yield path, "the controller does not integrate, and has nothing to track; leave 'tracking' out"
+        if order > 1:
+            yield ("limits", AT_KEY), "a controller that integrates more than once has no 'limits'"
+        elif order and self.tracking_time is None:
+            yield ("limits", AT_KEY), "state 'tracking', the time constant of the anti-windup, s"
+
+    @property
+    def integrations(self) -> int:
+        """The multiplicity of its pole at rest."""
+        if self.pid is not None:
+            return int(self.pid.ki is not None and bool(self.pid.ki.exact))
+        below = [entry.exact for entry in self.denominator or ()]
+        if self.method != "z":
+            return next((k for k, entry in enumerate(reversed(below)) if entry), 0)
+        count = 0
+        while below and not sum(below):
+            below, count = list(accumulate(below))[:-1], count + 1  # over z - 1
+        return count
+
+    @property
+    def tracking_time(self) -> Fraction | None:
+        """The time constant of the anti-windup, s, of a PID by default kp/ki; None where there is none."""
+        if self.limits is None or not self.integrations:
+            return None
+        if self.limits.tracking is not None:
+            return self.limits.tracking.exact
+        if self.pid is None or self.pid.kp is None or self.pid.ki is None:
+            return None
+        time = self.pid.kp.exact / self.pid.ki.exact
+        return time if time > 0 else None
 
     def _sampling_faults(self) -> Iterator[Located]:
         """Yield the faults of a sampled controller."""
@@ -273,8 +328,21 @@ class ControlModel(Section):
         if [bool(self.loops), self.lqr is not None, self.placement is not None].count(True) != 1:
             raise fault("feedback is one of 'loops', 'lqr' and 'placement'")
         names = names_of(info)
-        raise_faults(self._faults(names.nodes, linear=names.linear))
+        raise_faults(
+            [*self._faults(names.nodes, linear=names.linear), *self._limit_faults(linear=names.linear)]
+        )
         return self
+
+    def _limit_faults(self, *, linear: bool) -> Iterator[Located]:
+        """Yield limits that no response has."""
+        for index, loop in enumerate(self.loops):
+            path = ("loops", index, "controller", "limits", AT_KEY)
+            if loop.controller.limits is None:
+                continue
+            if linear:
+                yield path, "a loop with limits is not identified; leave them out"
+            elif self.sampled and loop.controller.sample is None:
+                yield path, "a loop without 'sample' beside sampled ones has no 'limits'; leave them out"
 
     @property
     def driven(self) -> set[str]:
@@ -357,6 +425,11 @@ class ControlModel(Section):
             elif period.exact != periods[0][1].exact:
                 first = float(periods[0][1])
                 yield path, f"loops are sampled together; write the period of the first, {first:g}"
+
+    @property
+    def limited(self) -> bool:
+        """True if a controller has limits."""
+        return any(loop.controller.limits is not None for loop in self.loops)
 
     @property
     def sampled(self) -> bool:
