@@ -107,6 +107,7 @@ TRACED_PARTS = Limit(
 HOLD: Default[Literal["spline"]] = Default("spline", "propagation", "samples are joined by a cubic {value}")
 LONG_STEPS = Limit(60, "exponentials over many steps are made to all digits of up to {value} states")
 
+COMMON_SAMPLES = Limit(1000, "loops of several sample times come together after at most {value:,} samples")
 ANSWERS_UNDER_WAY = Limit(100, "answers of a sampled controller take up to {value} of its periods")
 
 # Structures: modes, responses, bases.

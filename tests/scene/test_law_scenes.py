@@ -399,8 +399,8 @@ TIME = "{outputs: [k.q], time: {stop: 1, step: 0.1, input: {kind: KIND}}}"
         (duffing("{values: {k.q: 1, m.f: 0}}", TIME.replace("KIND", "step")), "the point is given"),
         (
             duffing("{start: {k.q: 0.5}}", TIME.replace("KIND", "step"))
-            + "control: {loops: [{from: k.q, to: F, controller: {gain: 5}, reference: r}]}\n",
-            "loops are closed",
+            + "control: {lqr: {states: [k.q, m.f], weights: {k.q: 1, F: 1}, references: {F: r}}}\n",
+            "gains of states are closed around the linearisation",
         ),
         (
             duffing("{}", TIME.replace("KIND", "step"))

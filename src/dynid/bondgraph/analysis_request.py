@@ -91,6 +91,8 @@ ENGINES = tuple(name for name in get_args(Engine) if name != "auto")
 _SAMPLED: frozenset[ResultName] = frozenset(
     {"properties", "step_info", "frequency_response", "time_response", "causality"}
 )
+# Results of loops that are sampled with several periods, which have no response by z.
+_MULTIRATE: frozenset[ResultName] = frozenset({"properties", "time_response", "causality"})
 #: Most lines of a graph: the terms of its characteristic function double with each.
 MAX_TRANSMISSION_LINES = 8
 # Results of graphs with lines (TL).
@@ -111,9 +113,9 @@ _WITH_LINES: frozenset[ResultName] = frozenset(
 NUMERIC: frozenset[ResultName] = frozenset({"zeros", "poles", "properties", "hidden_modes"})
 
 
-def available_results(*, sampled: bool, lines: bool) -> frozenset[ResultName]:
-    """Return the results that graphs have, with sampled loops or lines (TL)."""
-    available = _SAMPLED if sampled else frozenset(RESULTS)
+def available_results(*, sampled: bool, lines: bool, multirate: bool = False) -> frozenset[ResultName]:
+    """Return the results that graphs have, with sampled loops, of several periods, or lines (TL)."""
+    available = (_MULTIRATE if multirate else _SAMPLED) if sampled else frozenset(RESULTS)
     return available & _WITH_LINES if lines else available
 
 
@@ -243,8 +245,10 @@ class Analysis:
             from dynid.bondgraph.sampled_delays import SampledLoopsWithDelays
 
             return SampledLoopsWithDelays(self.opened_as_read, self.loops)
-        from dynid.bondgraph.sampled_loops import SampledLoops
+        from dynid.bondgraph.sampled_loops import MultirateLoops, SampledLoops
 
+        if len({loop.sampling.period for loop in self.loops if loop.sampling is not None}) > 1:
+            return MultirateLoops(self.opened_as_read, self.loops)
         return SampledLoops(self.opened_as_read, self.loops)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -66,7 +67,7 @@ class SampledLoopsWithDelays(SampledLoops):
         n, ports = len(A), len(D)
         plant = StateSpace(A.reshape(n, n), B.reshape(n, ports), C.reshape(ports, n), D)
         controllers = [
-            controller._replace(computation=computation)
+            replace(controller, computation=computation)
             for controller, computation in zip(self.float_controllers(), computations, strict=True)
         ]
         return SampledDelays(plant, self.delays, controllers, self.period)

@@ -90,7 +90,9 @@ def cut_graph(opened: BondGraph, loops: Sequence[Loop], lines: Sequence[Loop] = 
 
 
 class SampledLoops:
-    """The sampled loops of a graph, all with one period; loops without `sampling` belong to the graph.
+    """The sampled loops of a graph; loops without `sampling` belong to the graph.
+
+    With one period T they are a system in z = exp(s T); for several see `MultirateLoops`.
 
     Raises `Singular` where the graph without feedback has no unique solution. Raises `UsageError` where what
     is measured has no value at an instant, or a controller has no discrete form.
@@ -103,7 +105,8 @@ class SampledLoops:
         self.continuous = [loop for loop in loops if loop.sampling is None]
         self.loops = tuple(loop for loop in loops if loop.sampling is not None)
         self._timing = [loop.sampling or Sampling(Fraction(0)) for loop in self.loops]
-        self.period = _exact(self._timing[0].period)
+        self.periods = tuple(_exact(timing.period) for timing in self._timing)
+        self.period = min(self.periods)
         self.computations = tuple(_exact(timing.computation) for timing in self._timing)
         self._quotients = [
             ([*map(_exact, loop.numerator)], [*map(_exact, loop.denominator)]) for loop in self.loops
@@ -148,10 +151,16 @@ class SampledLoops:
         bits = ctx.prec if any(timing.method == "zoh" for timing in self._timing) else 0
         if (period, bits) not in self._discrete:
             self._discrete[period, bits] = [
-                discrete_controller(*quotient, timing.method, period, loop.place, _tracking(loop))
-                for quotient, timing, loop in zip(self._quotients, self._timing, self.loops, strict=True)
+                discrete_controller(*quotient, timing.method, own, loop.place, _tracking(loop))
+                for quotient, timing, loop, own in zip(
+                    self._quotients, self._timing, self.loops, self._sample_times(period), strict=True
+                )
             ]
         return self._discrete[period, bits]
+
+    def _sample_times(self, period: Fraction) -> Sequence[Fraction]:
+        """Return the sample time of each loop where that of all is a period."""
+        return [period] * len(self.loops)
 
     def float_controllers(self, *, limited: bool = False) -> tuple[SampledController, ...]:
         """Return the controllers in doubles, `limited`: with the limits of their answers."""
@@ -166,11 +175,11 @@ class SampledLoops:
         return tuple(
             SampledController(
                 *(array(F).reshape(len(h), len(h)), array([g])[0], array([h])[0], float(d), computation),
-                array([weights])[0],
+                *(period, array([weights])[0]),
                 *(map(float, loop.limits[:2]) if limited and loop.limits is not None else ()),
             )
-            for loop, (F, g, h, d, weights), computation in zip(
-                self.loops, exact, self.computations, strict=True
+            for loop, (F, g, h, d, weights), computation, period in zip(
+                self.loops, exact, self.computations, self.periods, strict=True
             )
         )
 
@@ -195,9 +204,7 @@ class SampledLoops:
     def _shown(self) -> Verdict:
         """The verdict on what the loops move, by Schur-Cohn in balls of as many bits as it takes."""
         for bits in _TRIED_BITS:
-            (matrix,) = self._equations.matrices(
-                self.period, self.computations, [range(len(self.loops))], bits
-            )
+            matrix = self._closed(bits)
             outside, marginal = self._outside(matrix, bits)
             if outside:
                 return outside_verdict(outside, _radius(matrix))
@@ -210,6 +217,11 @@ class SampledLoops:
             return Verdict("at the limit", reason, math.nan)
         outside = int((np.abs(repeated(self.poles)) > 1).sum())  # of reciprocal poles the recursion ends
         return outside_verdict(outside, _radius(matrix)) if outside else Verdict("stable", "", 0)
+
+    def _closed(self, bits: int) -> Any:
+        """Return the matrix of the states from one sample to the next, all loops closed (flint `arb_mat`)."""
+        every = range(len(self.loops))
+        return self._equations.matrices(self.period, self.computations, [every], bits)[0]
 
     def _outside(self, matrix: Any, bits: int) -> tuple[int | None, bool]:
         """Return the number of discrete poles outside the unit circle, None where it is not decided.
@@ -428,6 +440,57 @@ class SampledLoops:
             for b in values[k + 1 :].tolist()
             if abs(a.imag - b.imag) * T > math.pi and abs(np.exp((a - b) * T) - 1) < _CONFUSED
         ]
+
+
+class MultirateLoops(SampledLoops):
+    """Sampled loops of several periods: the verdict is on the states from one common sample to the next."""
+
+    refusal = "loops with several sample times have no L(z)"
+
+    @cached_property
+    def common_period(self) -> Fraction:
+        """The time after which all loops sample together again, s."""
+        return common_multiple(self.periods)
+
+    def _sample_times(self, _: Fraction) -> Sequence[Fraction]:
+        return self.periods
+
+    def _closed(self, bits: int) -> Any:
+        """Return the matrix of the states from one common sample to the next (flint `arb_mat`)."""
+        return self._equations.monodromy(self.periods, self.computations, self.common_period, bits)
+
+    @cached_property
+    def poles(self) -> Sequence[CertifiedRoot]:
+        """The discrete poles of the closed loops, over the common period."""
+        from flint import ctx
+
+        bits = _CANCELLED * self._kept(None)
+        with ctx.workprec(bits):
+            coefficients = self._closed(bits).charpoly().coeffs()
+        return certified_roots(_integers([coefficients], self._kept(None))[0])
+
+    @property
+    def largest_sample_time(self) -> float:
+        """It is not computed: there are several."""
+        return math.nan
+
+    def answers(self) -> Callable[[ComplexArray], ComplexArray]:
+        """Raise: to a sequence of one sample time they answer by several."""
+        raise UsageError(
+            "loops with several sample times have no frequency response",
+            remedy="Leave it out, or give all loops one sample time.",
+            names=("analysis.frequency",),
+        )
+
+    def confused_modes(self) -> list[tuple[complex, complex]]:
+        """Modes that samples of one period confuse differ for those of another: none is compared."""
+        return []
+
+
+def common_multiple(periods: Sequence[Fraction]) -> Fraction:
+    """Return the least common multiple of times."""
+    denominator = math.lcm(*(period.denominator for period in periods))
+    return Fraction(math.lcm(*(int(period * denominator) for period in periods)), denominator)
 
 
 def outside_verdict(outside: int, largest: float) -> Verdict:

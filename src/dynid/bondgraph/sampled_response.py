@@ -54,7 +54,7 @@ def sampled_system(
     lft = state_space(reduced, tuple(initial)).with_inputs(columns)
     plant = DelaySystem(lft, loops.delays).with_outputs([rows.index(port) for port in shown])
     controllers = loops.float_controllers(limited=limited)
-    return SampledSystem(plant.lft, loops.delays, controllers, loops.period), reduced
+    return SampledSystem(plant.lft, loops.delays, controllers), reduced
 
 
 def sampled_steps(

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from fractions import Fraction
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,6 +72,54 @@ class SampledEquations:
                 * _matrix([row if j in closed else [0] * size for j, row in enumerate(over.answers)], size)
                 for closed in sets
             ]
+
+    def monodromy(
+        self, periods: Sequence[Fraction], computations: Sequence[Fraction], common: Fraction, bits: int
+    ) -> Any:
+        """Return the matrix of the states over a common multiple of several periods (flint `arb_mat`).
+
+        The states are x, what is held, the answers under way, and those of the controllers, ahead of what
+        happens at the instant.
+        """
+        from flint import ctx
+
+        loops = range(len(periods))
+        instants = {
+            step * period + late - (step * period + late) // common * common
+            for period, computation in zip(periods, computations, strict=True)
+            for step in range(int(common / period))
+            for late in (0, computation)
+        }
+        with ctx.workprec(bits):
+            controllers = self._controllers(periods[0])
+            C, D = self._balls(self.plant.C, bits), self._balls(self.plant.D, bits)
+            under_way = [int(c // T) for c, T in zip(computations, periods, strict=True)]
+            sizes = [len(self.plant.A), len(loops), *under_way, *(len(part.h) for part in controllers)]
+            *_, size = first = [*accumulate(sizes, initial=0)]
+            identity = _matrix([[int(i == k) for k in range(size)] for i in range(size)], size).tolist()
+            x, held, *blocks = (identity[a:b] for a, b in pairwise(first))
+            waiting, states = blocks[: len(loops)], blocks[len(loops) :]
+            for now, following in pairwise([*sorted(instants), common]):
+                due = [waiting[j] for j in loops]
+                for j in loops:
+                    if now % periods[j]:
+                        continue
+                    F, g, h, d, _ = controllers[j]
+                    measured = _combined([*C[j], *D[j]], [*x, *held], size)
+                    answer = _combined([-d, *(-value for value in h)], [measured, *states[j]], size)
+                    states[j] = [
+                        _combined([gain, *row], [measured, *states[j]], size)
+                        for gain, row in zip(g, F, strict=True)
+                    ]
+                    due[j] = [*waiting[j], answer]
+                for j in loops:
+                    if not (now - computations[j]) % periods[j]:
+                        held[j], *due[j] = due[j]
+                    waiting[j] = due[j]
+                moved = self._exponential(following - now, bits)
+                x = [_combined(row, [*x, *held], size) for row in moved]
+            parts = [x, held, *waiting, *states]
+            return _matrix([row for part in parts for row in part], size)
 
     def answers(self, period: Fraction, computations: Sequence[Fraction]) -> tuple[Array, ...]:
         """Return M, B, C and D of what the closed loops answer to sequences added to measurements."""
@@ -181,6 +229,12 @@ class SampledEquations:
         n, inputs = len(self.plant.A), len(self.plant.D)
         rows = [[*a, *b] for a, b in zip(self.plant.A, self.plant.B, strict=True)]
         return fmpq_mat([*rows, *([[0] * (n + inputs)] * inputs)])
+
+
+def _combined(weights: Sequence[Any], rows: Rows, width: int) -> list[Any]:
+    """Return a sum of rows with weights."""
+    product = _matrix([list(weights)], len(rows)) * _matrix(rows, width)
+    return list(product.tolist()[0]) if rows else [0] * width
 
 
 def _matrix(rows: Rows, width: int) -> Any:

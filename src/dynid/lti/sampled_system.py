@@ -39,6 +39,7 @@ class SampledController:
     h: Array
     d: float
     computation: Fraction  # s
+    period: Fraction  # s
     t: Array
     low: float = -math.inf
     high: float = math.inf
@@ -88,7 +89,11 @@ class SampledSystem(DelaySystem):
     """
 
     controllers: tuple[SampledController, ...]
-    period: Fraction  # s
+
+    @property
+    def period(self) -> Fraction:
+        """The shortest period, s."""
+        return min(controller.period for controller in self.controllers)
 
     @property
     def paces(self) -> tuple[Fraction, ...]:
@@ -137,13 +142,14 @@ class _SampledPropagation(Propagation):
                 names=("analysis.time",),
             )
         self._controllers, self._period = system.controllers, system.period
-        times = [system.period, *(controller.computation for controller in system.controllers)]
+        periods = dict.fromkeys(controller.period for controller in system.controllers)
+        times = [*periods, *(controller.computation for controller in system.controllers)]
         tick = Fraction(1, lcm(*(time.denominator for time in times)))
         every = [*signals, *(None for _ in system.controllers)]
         super().__init__(system.lft, system.delays, every, stop, period=tick, **options)
         self._states = [[0.0] * len(controller.h) for controller in system.controllers]
-        #: Instants ahead: time, loop that holds and value, or -1 where all measure.
-        self._events: list[tuple[Fraction, int, float]] = [(Fraction(0), -1, 0.0)]
+        #: Instants ahead: time, loop that holds and value, or -1 and the period of those that measure.
+        self._events: list[tuple[Fraction, int, float | Fraction]] = [(Fraction(0), -1, p) for p in periods]
 
     def segments(self, until: Fraction, *, beyond: bool = False) -> Iterator[Segment]:
         """Propagate to a time, and yield the segments up to there; `beyond`: one more that begins there."""
@@ -151,14 +157,15 @@ class _SampledPropagation(Propagation):
             yield from super().segments(self._events[0][0])
             time, loop, value = heappop(self._events)
             if loop >= 0:
-                self.hold(self._inputs - len(self._controllers) + loop, value)
+                self.hold(self._inputs - len(self._controllers) + loop, float(value))
                 continue
             for index, (controller, measured) in enumerate(
                 zip(self._controllers, self._measured().tolist(), strict=True)
             ):
-                answer, self._states[index] = controller.step(self._states[index], measured)
-                heappush(self._events, (time + controller.computation, index, answer))
-            heappush(self._events, (time + self._period, -1, 0.0))
+                if controller.period == value:
+                    answer, self._states[index] = controller.step(self._states[index], measured)
+                    heappush(self._events, (time + controller.computation, index, answer))
+            heappush(self._events, (time + Fraction(value), -1, value))
         yield from super().segments(until, beyond=beyond)
 
     def _measured(self) -> Array:

@@ -18,7 +18,7 @@ from dynid.bondgraph.results.margin_results import (
     frequencies_near,
     roots_of,
 )
-from dynid.bondgraph.sampled_loops import SampledLoops
+from dynid.bondgraph.sampled_loops import MultirateLoops, SampledLoops
 from dynid.lti.axis_boxes import Work
 from dynid.lti.quasi_polynomials import QuasiPolynomial
 from dynid.number_format import roots_text
@@ -43,17 +43,20 @@ def add_sampled(result: Result, loops: SampledLoops, omega: NDArray[np.float64] 
     numbers = range(len(names))
     if loops.refusal:
         add_system(result, loops.verdict)
+        if isinstance(loops, MultirateLoops):
+            result.add_numbered(f"{_SAMPLED}/pole", loops.listed_poles)
+            common, periods = float(loops.common_period), ", ".join(f"{float(p):g}" for p in loops.periods)
+            note = f"poles of the closed loops over {common:g} s, after which all sample together again"
+            result.annotate(_SAMPLED, sample=common, periods=periods, computation=_times(loops), note=note)
         return
     loop_margins = [loops.margins(number) for number in tracked(numbers, "margins of loop")]
     add_loop_margins(result, names, loop_margins)
     add_system(result, loops.verdict)
     if not math.isnan(loops.largest_sample_time):
         result.add(f"{SYSTEM}/largest_sample_time", loops.largest_sample_time, units="s")
-    timing = zip(loops.loops, loops.computations, strict=True)
-    computations = ", ".join(f"{float(computation):g}" for _, computation in timing)
     result.add_numbered(f"{_SAMPLED}/pole", loops.listed_poles)
     note = _NOTE.format("largest poles" if loops.delays else "poles")
-    result.annotate(_SAMPLED, sample=float(loops.period), computation=computations, note=note)
+    result.annotate(_SAMPLED, sample=float(loops.period), computation=_times(loops), note=note)
     functions = [] if loops.delays else [*map(_quasi, map(loops.loop, numbers))]
     if omega is None:
         half = float(loops.period) / 2  # the functions' variable is w = tanh(s T / 2) / (T / 2)
@@ -65,6 +68,10 @@ def add_sampled(result: Result, loops: SampledLoops, omega: NDArray[np.float64] 
         result.annotate(LOCUS, left_out="delays in the graph give infinitely many discrete poles")
         return
     add_loci(result, names, map(_quasi, map(loops.loop_in_z, numbers)), Work(_WORK), plane="z")
+
+
+def _times(loops: SampledLoops) -> str:
+    return ", ".join(f"{float(computation):g}" for computation in loops.computations)
 
 
 def _quasi(loop: tuple[Any, Any]) -> tuple[QuasiPolynomial, QuasiPolynomial]:

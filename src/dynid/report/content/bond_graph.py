@@ -290,8 +290,9 @@ def _sampling(result: Result) -> Iterator[ReportSection]:
     """Yield the sample time and the largest stable one, and the discrete poles."""
     about, limit = result.group_attrs["bond_graph/sampled"], "bond_graph/system/largest_sample_time"
     poles = roots_text(result["bond_graph/sampled/poles"].data).removesuffix(" rad/s")
+    periods = about.get("periods", f"{float(about['sample']):g}")
     items = definitions(
-        ("sample time", f"{float(about['sample']):g} s; computation {about['computation']} s"),
+        ("sample time", f"{periods} s; computation {about['computation']} s"),
         *([("largest", f"{float(result.value(limit)):.4g} s")] if limit in result else []),
         ("poles in z", poles),
         ("", str(about["note"])),

@@ -266,7 +266,9 @@ def graph_analysis(
     if requested.results is None and parts_count > TRACED_PARTS.value:
         asked -= {"reduction"}  # formulas of that many nodes are long, and nobody reads them
     sampled = model.control is not None and model.control.sampled
-    asked &= available_results(sampled=sampled, lines=any(loop.line for loop in built.loops))
+    multirate = model.control is not None and model.control.multirate
+    lines = any(loop.line for loop in built.loops)
+    asked &= available_results(sampled=sampled, lines=lines, multirate=multirate)
     signals: list[tuple[str, Signal]] = []
     apart = False
     if "time_response" in asked:

@@ -55,7 +55,7 @@ def controller_code(scene: Scene[BondGraphScene]) -> str:
         stem = f"_{stem}"[stem[0].isalpha() :]
         name = unique(stem, names)
         names.add(name)
-        when = f"every {float(loops.period)!r} s; computation {float(controller.computation)!r} s"
+        when = f"every {float(controller.period)!r} s; computation {float(controller.computation)!r} s"
         text += ["", f"/* {loop.measured} -> {loop.source}: {when} */", *_function(name, controller)]
     return "\n".join(text) + "\n"
 

@@ -112,7 +112,7 @@ LAYOUT: dict[str, str] = {
         "effort flow impedance active_power reactive_power apparent_power approximate"
     ),
     "bond_graph/system": "stable stability reason unstable_poles largest_sample_time",
-    "bond_graph/sampled": "pole poles sample computation note",
+    "bond_graph/sampled": "periods pole poles sample computation note",
     "bond_graph/margins": " ".join(MARGINS),
     "bond_graph/sensitivity_functions": "omega loop L S T phase phase_left_out",
     "bond_graph/root_locus": "left_out",

@@ -605,8 +605,16 @@ class BondGraphScene(ComposedScene):
 
     def _sampling_faults(self) -> Iterator[Located]:
         """Yield what a graph with sampled loops does not have."""
+        control: ControlModel | None = self.control
+        multirate = control is not None and control.multirate
         loops = "with sampled loops; leave it out, or write the controllers without 'sample'"
-        available = available_results(sampled=True, lines=False)
+        if multirate:
+            loops = "with several sample times; leave it out, or give the loops one 'sample'"
+            if self.design is not None:
+                yield ("design", AT_KEY), f"there is no design {loops}"
+            if self.graph.lines:
+                yield ("graph", "nodes", AT_KEY), f"there are no lines (TL) {loops}"
+        available = available_results(sampled=True, lines=False, multirate=multirate)
         for index, name in enumerate(self.analysis.results or ()):
             if name not in available:
                 yield ("analysis", "results", index), f"there is no '{name}' {loops}"

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from itertools import accumulate, product
-from math import sqrt
+from math import lcm, sqrt
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from dynid.bondgraph.analysis_request import Discretisation
 from dynid.bondgraph.graph import QUANTITIES, Port
-from dynid.defaults import ANSWERS_UNDER_WAY
+from dynid.defaults import ANSWERS_UNDER_WAY, COMMON_SAMPLES
 from dynid.number_format import counted
 from dynid.scene.schema.base import Section, once, short_for
 from dynid.scene.schema.graph_variables import Output, SourceName, variable_or_source
@@ -329,7 +329,11 @@ class ControlModel(Section):
             raise fault("feedback is one of 'loops', 'lqr' and 'placement'")
         names = names_of(info)
         raise_faults(
-            [*self._faults(names.nodes, linear=names.linear), *self._limit_faults(linear=names.linear)]
+            [
+                *self._faults(names.nodes, linear=names.linear),
+                *self._period_faults(linear=names.linear),
+                *self._limit_faults(linear=names.linear),
+            ]
         )
         return self
 
@@ -412,6 +416,9 @@ class ControlModel(Section):
             yield (*self.delays[0][1:], AT_KEY), f"a loop with a delay is not identified; {DELAY_REMEDY}"
         elif len(self.delays) > _MAX_DELAYS:
             yield ("loops", AT_KEY), f"at most {_MAX_DELAYS} loops may have a delay"
+
+    def _period_faults(self, *, linear: bool) -> Iterator[Located]:
+        """Yield sampled loops that are identified, and sample times with no small common multiple."""
         periods = [
             (index, loop.controller.sample)
             for index, loop in enumerate(self.loops)
@@ -422,9 +429,26 @@ class ControlModel(Section):
             if linear:
                 message = "a sampled loop is not identified; write the controller without 'sample'"
                 yield (*path, AT_KEY), message
-            elif period.exact != periods[0][1].exact:
-                first = float(periods[0][1])
-                yield path, f"loops are sampled together; write the period of the first, {first:g}"
+            elif (samples := self._common_samples(index)) > COMMON_SAMPLES.value:
+                message = f"the loops sample together again after {samples:,} samples only; at most "
+                yield path, f"{message}{COMMON_SAMPLES.value:,}: choose periods in a simple ratio"
+            elif self.delays and period.exact != periods[0][1].exact:
+                first = f"write the period of the first, {float(periods[0][1]):g}"
+                yield path, f"beside loops with delays sampled loops have one period; {first}"
+
+    def _common_samples(self, last: int) -> int:
+        """Return the number of samples up to a loop until these loops sample together again."""
+        loops = self.loops[: last + 1]
+        exact = [loop.controller.sample.exact for loop in loops if loop.controller.sample is not None]
+        unit = lcm(*(period.denominator for period in exact))
+        ticks = [int(period * unit) for period in exact]
+        return sum(lcm(*ticks) // tick for tick in ticks)
+
+    @property
+    def multirate(self) -> bool:
+        """True if its loops are sampled with several periods."""
+        samples = (loop.controller.sample for loop in self.loops)
+        return len({sample.exact for sample in samples if sample is not None}) > 1
 
     @property
     def limited(self) -> bool:
