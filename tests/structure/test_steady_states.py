@@ -7,7 +7,8 @@ exponentials. Long time responses of the march from rest, whose integrator is an
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
+from scipy.linalg import eigh, expm
+from scipy.special import ellipk
 
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.signals import Multisine
@@ -17,8 +18,10 @@ from dynid.structure.frame import beam
 from dynid.structure.joint_laws import (
     BoucWen,
     BoundLaw,
+    Coulomb,
     Cubic,
     Gap,
+    Iwan,
     Jenkins,
     Power,
     QuadraticDamping,
@@ -39,6 +42,7 @@ LAWS = {
     "bouc_wen, n = 2": BoundLaw(BoucWen(2.0), (2.0, 1.5, -0.5)),
     "gap": BoundLaw(Gap(), (5.0, 0.4, 0.0)),
     "damped gap with an offset": BoundLaw(Gap("positive"), (5.0, 0.4, 0.7), 0, 0.1),
+    "coulomb": BoundLaw(Coulomb(), (2.0, 0.5)),
     "power": BoundLaw(Power(1, 1, ("v",)), (2.0,)),
     "quadratic_damping": BoundLaw(QuadraticDamping(), (2.0,)),
 }
@@ -134,7 +138,9 @@ def after_a_long_time(model, dof, amplitude, omega, periods=300, samples=64):
 )
 def test_a_steady_state_is_a_long_time_response(law, parameters, amplitude, stop, error):
     model, tip = cantilever(law, *parameters)
-    omega, _, response = curve(harmonic_balance(model, tip, amplitude, 42.0, stop, stability=False))
+    omega, _, response = curve(
+        harmonic_balance(model, tip, amplitude, 42.0, stop, stability=False, backbone=False)
+    )
     expected = after_a_long_time(model, tip, amplitude, omega[-1])
     motion = motion_at(response[-1], 2 * np.pi * np.arange(64) / 64)
     assert omega[-1] == pytest.approx(stop)
@@ -145,7 +151,7 @@ def test_unstable_states_are_periodic_and_stability_changes_at_folds():
     model = masses(Cubic(), 4e5)
     result = harmonic_balance(model, 1, 2.0, 25.0, 60.0, output=2)
     omega, amplitude, response, stable, multiplier = curve(result)
-    other = curve(harmonic_balance(model, 1, 2.0, 25.0, 60.0, stability=False))
+    other = curve(harmonic_balance(model, 1, 2.0, 25.0, 60.0, stability=False, backbone=False))
     folds = np.flatnonzero(np.diff(np.sign(np.diff(omega)))) + 1
     changes = np.flatnonzero(np.diff(stable.astype(int)))
     assert len(folds) >= 2
@@ -197,7 +203,7 @@ def test_a_structure_that_its_law_alone_holds():
     omega, amplitude, response, stable = curve(harmonic_balance(model, 2, 3.0, 40.0, 30.0))[:4]
     assert stable[-1]
     w = omega[-1]
-    first = curve(harmonic_balance(model, 2, 3.0, 40.0, 30.0, output=1, stability=False))[2]
+    first = curve(harmonic_balance(model, 2, 3.0, 40.0, 30.0, output=1, stability=False, backbone=False))[2]
     x = [motion_at(r[-1], np.zeros(1))[0] for r in (first, response)]
     v = [(1j * w * np.arange(r.shape[1]) * r[-1]).sum().real for r in (first, response)]
 
@@ -232,6 +238,52 @@ def test_hysteresis_and_damped_impacts_agree_with_the_march():
         assert stable.all()
 
 
+def test_the_backbone_of_a_duffing_oscillator_is_an_elliptic_integral():
+    k, k3, c = 1000.0, 4e5, 2.0
+    joint = Joint("j", (1,), laws=(joint_law(Cubic(), [JointParameter(k3)]),))
+    model = lumped([1.0], [Link((1,), k, c)]).joined([joint])
+    result = harmonic_balance(model, 1, 3.0, 28.0, 60.0, stability=False)
+    amplitude, omega, damping = (
+        result[f"response/backbone/{name}"].data for name in ("amplitude", "omega", "damping")
+    )
+    stiffness = k + k3 * amplitude**2
+    expected = np.pi / 2 * np.sqrt(stiffness) / ellipk(k3 * amplitude**2 / (2 * stiffness))
+    assert amplitude[-1] > 0.03
+    assert omega == pytest.approx(expected, rel=1e-9)
+    assert damping == pytest.approx(c / (2 * omega), rel=1e-9)
+
+
+def test_the_backbone_of_a_slider_begins_where_it_sticks():
+    model = masses(Jenkins(), 300.0, 0.5)
+    result = harmonic_balance(model, 2, 1.5, 15.0, 30.0, stability=False)
+    omega, damping = (result[f"response/backbone/{name}"].data for name in ("omega", "damping"))
+    K = np.array([[1300.0, -300.0], [-300.0, 800.0]])
+    stuck = np.sqrt(eigh(K, np.diag([1.0, 1.2]), eigvals_only=True)[0])
+    assert omega[0] == pytest.approx(stuck, rel=1e-4)
+    assert omega[-1] < 0.99 * stuck
+    assert damping.max() > 2 * damping[0]
+
+
+def test_dampers_that_couple_modes_change_the_backbone_little():
+    # A damper at one mass couples the modes: the mode's equation takes the others' motion along.
+    law = JointParameter(1e5)
+    joints = [
+        Joint("j", (1,), laws=(joint_law(Cubic(), [law]),)),
+        Joint("d", (2,), c=JointParameter(3.0)),
+    ]
+    model = lumped([1.0, 1.2], [Link((1,), 1000.0), Link((1, 2), 500.0)]).joined(joints)
+    result = harmonic_balance(model, 1, 0.01, 14.0, 18.0, stability=False)
+    omega, damping = (result[f"response/backbone/{name}"].data for name in ("omega", "damping"))
+    A = np.zeros((4, 4))
+    A[:2, 2:] = np.eye(2)
+    A[2:, :2] = -np.array([[1500.0, -500.0], [-500 / 1.2, 500 / 1.2]])
+    A[3, 3] = -3 / 1.2
+    poles = np.linalg.eigvals(A)
+    pole = poles[np.abs(poles).argmin()]
+    assert omega[0] == pytest.approx(abs(pole), rel=3e-3)
+    assert damping[0] == pytest.approx(-pole.real / abs(pole), rel=3e-2)
+
+
 def test_refusals():
     model = masses(Cubic(), 4e5)
     with pytest.raises(NumericalError, match="not left its interval after 4 points"):
@@ -239,6 +291,9 @@ def test_refusals():
     massless = lumped([1.0, 0.0], [Link((1,), 1000.0), Link((1, 2), 500.0)]).joined(model.joints)
     with pytest.raises(UsageError, match="needs mass everywhere"):
         harmonic_balance(massless, 1, 5.0, 25.0, 50.0)
+    iwan = masses(Iwan(), 300.0, 1.0, 0.0, 1.0)
+    with pytest.raises(UsageError, match="iwan"):
+        harmonic_balance(iwan, 1, 5.0, 25.0, 50.0)
     hysteretic = lumped([1.0, 1.2], [Link((1,), 1000.0, eta=0.1), Link((2,), 500.0)]).joined(model.joints)
     with pytest.raises(UsageError, match="steady state by harmonic balance"):
         harmonic_balance(hysteretic, 1, 5.0, 25.0, 50.0)

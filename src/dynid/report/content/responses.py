@@ -125,7 +125,7 @@ def derived_sections(result: Result) -> Iterator[ReportSection]:
 
 
 #: Group of the steady states in a result.
-STEADY = "response/harmonic_balance"
+STEADY, BACKBONE = "response/harmonic_balance", "response/backbone"
 
 
 def steady_sections(result: Result) -> Iterator[ReportSection]:
@@ -145,6 +145,17 @@ def steady_sections(result: Result) -> Iterator[ReportSection]:
     if f"{STEADY}/stable" in result:
         unstable = int(np.count_nonzero(~result[f"{STEADY}/stable"].data))
         rows[-1] += f", {counted(unstable, 'unstable state')}"
+    if f"{BACKBONE}/omega" in result and len(result[f"{BACKBONE}/omega"].data):
+        mode, ratio = result[f"{BACKBONE}/omega"].data, 100 * result[f"{BACKBONE}/damping"].data
+        size, number = result[f"{BACKBONE}/amplitude"].data, result.group_attrs[BACKBONE]["mode"]
+        rows.append(
+            f"backbone of mode {number}: {general(unit.factor * mode[0])} {unit.name}, damping "
+            f"{general(ratio[0])} % at {general(size[0])} {amplitude.units}; "
+            f"{general(unit.factor * mode[-1])} {unit.name}, {general(ratio[-1])} % at {general(size[-1])} "
+            f"{amplitude.units}"
+        )
+    if note := result.group_attrs.get(BACKBONE, {}).get("note"):
+        rows.append(f"the backbone is {note}")
     yield ReportSection("Steady states", tuple(map(Statement, rows)), "answer", screen="")
 
 

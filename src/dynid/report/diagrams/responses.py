@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from dynid.arrays import Array, ComplexArray
 from dynid.report.content.design import DESIGN
-from dynid.report.content.responses import DERIVED, STEADY, is_requested
+from dynid.report.content.responses import BACKBONE, DERIVED, STEADY, is_requested
 from dynid.report.figure import Figure, table_of
 from dynid.report.notation import approximation, frequency_label, in_decibels, labelled, short
 from dynid.report.plot import (
@@ -110,6 +110,8 @@ def steady_states(result: Result) -> Iterator[Figure]:
     """Yield the amplitudes of steady states over the frequency, unstable ones dashed."""
     if f"{STEADY}/omega" in result:
         yield Figure("steady-states", "Steady states under a sine", partial(_steady_curve, result))
+    if f"{BACKBONE}/omega" in result and len(result[f"{BACKBONE}/omega"].data):
+        yield Figure("backbone", "Frequency and damping over the amplitude", partial(_backbone, result))
 
 
 def _steady_curve(result: Result) -> Chart:
@@ -127,10 +129,28 @@ def _steady_curve(result: Result) -> Chart:
             path = np.arange(1, len(stable) + 1)
             cls = series_class(0) + " dashed" * dashed
             layers.append(Curve(at.shown, shown, label, cls, along=path))
+    if f"{BACKBONE}/omega" in result:
+        along = frequencies(result, f"{BACKBONE}/omega").shown
+        heights = result[f"{BACKBONE}/amplitude"].data
+        layers.append(Curve(along, heights, "backbone", series_class(1), along=np.arange(len(along)) + 1))
     up = PlotAxis(labelled(f"amplitude of {about['output']}", amplitude.units))
     said = f"Half of the peak to peak displacement under {short(float(about['force']))} cos(omega t)."
     columns = at.columns | {"amplitude": amplitude.data, "stable": stable}
     return Chart(in_rows([Subplot(at.axis, up, layers)]), said, table_of(columns))
+
+
+def _backbone(result: Result) -> Chart:
+    at, size = frequencies(result, f"{BACKBONE}/omega"), result[f"{BACKBONE}/amplitude"]
+    ratio = 100 * result[f"{BACKBONE}/damping"].data
+    across = PlotAxis(labelled("amplitude", size.units), log=bool(size.data.min() > 0))
+    subplots = [
+        Subplot(across, at.axis, [Curve(size.data, at.shown)], height=180.0),
+        Subplot(across, PlotAxis("damping ratio (%)"), [Curve(size.data, ratio)], height=180.0),
+    ]
+    said = f"Mode {result.group_attrs[BACKBONE]['mode']}, of periodic motions without a force."
+    return Chart(
+        in_rows(subplots), said, table_of(at.columns | {"amplitude": size.data, "damping (%)": ratio})
+    )
 
 
 def _bode_and_nyquist(result: Result, group: str) -> Iterator[Figure]:

@@ -98,6 +98,10 @@ _NEEDS: dict[str, tuple[str, str]] = {
         "no states are fed back; write 'lqr' or 'placement' in 'control'",
     ),
     "structure/joints": ("joint laws", "'joints' come with nonlinear 'laws' of joints"),
+    "response/backbone": (
+        "responses.harmonic_balance.backbone",
+        "'backbone' comes with 'harmonic_balance' in 'responses'",
+    ),
     "response/harmonic_balance": (
         "responses.harmonic_balance",
         "'harmonic_balance' needs the block 'harmonic_balance' in 'responses'",

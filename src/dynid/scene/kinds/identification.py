@@ -408,6 +408,7 @@ def steady_states(
             harmonics=asked.harmonics,
             points=asked.points,
             stability=asked.stability,
+            backbone=asked.backbone,
         )
     except DynidError as error:
         error.names = (*error.names, "responses.harmonic_balance")

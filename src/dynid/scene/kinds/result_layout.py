@@ -245,8 +245,9 @@ LAYOUT: dict[str, str] = {
         "time joint law deflection rate force work regime events steps change energy_residual note"
     ),
     "response/harmonic_balance": (
-        "point omega amplitude phase harmonic response stable multiplier force folds dof output change"
+        "point omega amplitude phase harmonic response stable multiplier force folds dof output"
     ),
+    "response/backbone": "point amplitude omega damping mode note",
     "structure/geometry": (
         "xyz node position edge end face corner lines held joint joint_position mode displacement rotation "
         "sensor sensor_position sensor_direction sensor_turns load load_position load_direction load_turns "

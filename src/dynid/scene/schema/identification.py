@@ -150,6 +150,7 @@ class HarmonicBalanceModel(Section):
     harmonics: int = Field(default=101, ge=1, le=1000, strict=True)
     points: int = Field(default=1000, ge=2, le=100_000, strict=True)
     stability: bool = True
+    backbone: bool = True
 
     @model_validator(mode="after")
     def _is_an_interval(self) -> Self:

@@ -12,7 +12,7 @@ Source: M. Krack, J. Gross, Harmonic Balance for Nonlinear Vibration Problems, S
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -111,6 +111,12 @@ def condensed(model: StructuralModel, values: Mapping[str, float], omega: float)
             names=("structure",),
         )
     laws = tuple(law.bound for law in model_laws(model.joints, values))
+    if any(law.law.remembers for law in laws):
+        raise UsageError(
+            "steady states by harmonic balance do not cover laws that remember reversals (iwan)",
+            remedy="Replace it by several jenkins laws in parallel.",
+            names=("joints",),
+        )
     rows = model.deflections()
     k, c = np.zeros((2, len(rows)))
     for law in laws:
@@ -178,6 +184,8 @@ class ForcedResponse:
     `load`: modal force of a unit load (n).
     """
 
+    extra: ClassVar[int] = 1  # unknowns beside the deflections
+
     def __init__(self, structure: Condensed, load: Array, amplitude: float, max_harmonics: int) -> None:
         self.structure, self.load, self.amplitude = structure, load, amplitude
         self.max_harmonics, self.harmonics = max_harmonics, min(MIN_HARMONICS, max_harmonics)
@@ -192,7 +200,7 @@ class ForcedResponse:
 
     def motion(self, u: Array) -> Array:
         """Return the deflections of unknowns (joints x 2 H + 1)."""
-        return u[:-1].reshape(self.joints, -1)
+        return u[: -self.extra].reshape(self.joints, -1)
 
     def linear(self, omega: float) -> Array:
         """Return the unknowns of small motions at a frequency."""
@@ -229,36 +237,53 @@ class ForcedResponse:
     def evaluate(self, u: Array) -> tuple[Array, Array]:
         """Return the residuals of deflections and their derivatives."""
         s, omega, q = self.structure, float(u[-1]), self.motion(u)
-        size, joints = q.shape[1], self.joints
-        harmonics = size // 2
         forces = self.memory.forces(q, omega)
         self._last = u, forces
-        Z, dZ = s.stiffness(omega, further_harmonics(harmonics))
-        R = s.deflections
-        X = _solved(s.free(Z), R.T)  # harmonics x n x joints
-        A = R @ X
-        load = X.transpose(0, 2, 1)[1] @ self.load * self.amplitude  # joints
-        response = np.einsum("hij,jh->ih", A, to_complex(forces.coefficients.T).T)
-        sizes = np.abs(q).sum(axis=1).max() or 1.0
-        self._left_out = float(np.abs(response[:, harmonics + 1 :]).max(initial=0.0)) / sizes
-        parts = np.abs(to_complex(q.T)).max(axis=1) > _NEEDED * s.tail * sizes
-        self._needed = int(np.flatnonzero(parts).max(initial=0))
-        A, X, dZ = A[: harmonics + 1], X[: harmonics + 1], dZ[: harmonics + 1]
-        turned = dZ[:, :, None] * X if s.damping.ndim == 1 else dZ @ X
-        dA = -X.transpose(0, 2, 1) @ turned
-        d_load = -turned.transpose(0, 2, 1)[1] @ _solved(s.free(Z)[1:2], self.load[:, None])[0, :, 0]
-        F = to_complex(forces.coefficients[:, :size].T)  # harmonics x joints
+        Z, dZ = s.stiffness(omega, further_harmonics(self.order(q)))
+        Z = s.free(Z)
+        X, A = self.compliance(
+            Z, s.deflections.T, q, forces
+        )  # harmonics x n x joints, harmonics x joints x joints
+        turned = _turned(dZ[: len(X)], X)
+        F, F_omega = (to_complex(f[:, : q.shape[1]].T) for f in (forces.coefficients, forces.by_omega))
         residual = to_complex(q.T) + np.einsum("hij,hj->hi", A, F)
-        residual[1] -= load
-        by_omega = np.einsum("hij,hj->hi", dA, F) + np.einsum("hij,hj->hi", A, to_complex(forces.by_omega.T))
-        by_omega[1] -= d_load * self.amplitude
-        by_motion = to_complex(forces.by_motion.transpose(1, 0, 2))  # harmonics x joints x size
-        J = np.empty((joints, size, joints, size + 0))
-        coupled = A[:, :, :, None] * by_motion[:, None]  # harmonics x joint x joint x size
-        J[:] = to_real(coupled).transpose(1, 0, 2, 3)
-        matrix = J.reshape(joints * size, joints * size)
-        matrix[np.diag_indices(len(matrix))] += 1.0
+        by_omega = np.einsum("hij,hj->hi", A, F_omega)
+        by_omega -= np.einsum("hni,hnj,hj->hi", X, turned, F)
+        residual[1] -= X[1].T @ self.load * self.amplitude
+        by_omega[1] += turned[1].T @ _solved(Z[1:2], self.load[:, None])[0, :, 0] * self.amplitude
+        matrix = self.by_motion(A, forces)
         return to_real(residual).T.ravel(), np.column_stack([matrix, to_real(by_omega).T.ravel()])
+
+    @staticmethod
+    def order(q: Array) -> int:
+        """Return the number of harmonics of deflections."""
+        return q.shape[1] // 2
+
+    def compliance(
+        self, Z: ComplexArray, right: Array | ComplexArray, q: Array, forces: JointForces
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return motions to unit joint forces: of modes (H + 1 x n x joints), and of the joints.
+
+        Notes what harmonics beyond H would deflect, and the highest harmonic that is needed.
+        """
+        s, harmonics = self.structure, self.order(q)
+        X = _solved(Z, right)
+        A = s.deflections @ X
+        further = np.einsum("hij,hj->hi", A, to_complex(forces.coefficients.T))[harmonics + 1 :]
+        size = np.abs(q).sum(axis=1).max() or 1.0
+        self._left_out = float(np.abs(further).max(initial=0.0)) / size
+        parts = np.abs(to_complex(q.T)).max(axis=1) > _NEEDED * s.tail * size
+        self._needed = int(np.flatnonzero(parts).max(initial=0))
+        return X[: harmonics + 1], A[: harmonics + 1]
+
+    def by_motion(self, A: ComplexArray, forces: JointForces) -> Array:
+        """Return the derivatives of the residuals of deflections by these."""
+        by_motion = to_complex(forces.by_motion.transpose(1, 0, 2))  # harmonics x joints x size
+        coupled = to_real(A[:, :, :, None] * by_motion[:, None]).transpose(1, 0, 2, 3)
+        unknowns = coupled.shape[0] * coupled.shape[1]
+        matrix: Array = coupled.reshape(unknowns, unknowns)
+        matrix[np.diag_indices(unknowns)] += 1.0
+        return matrix
 
     def scale(self, u: Array) -> Array:
         """Return the sizes of the unknowns."""
@@ -276,11 +301,11 @@ class ForcedResponse:
 
     def padded(self, v: Array) -> Array:
         """Return a vector of unknowns with as many harmonics as the equations have now."""
-        q, size = v[:-1].reshape(self.joints, -1), 2 * self.harmonics + 1
+        q, size = self.motion(v), 2 * self.harmonics + 1
         out = np.zeros((self.joints, size))
         kept = min(size, q.shape[1])
         out[:, :kept] = q[:, :kept]
-        return np.append(out.ravel(), v[-1])
+        return np.append(out.ravel(), v[-self.extra :])
 
     def modal_motion(self, u: Array) -> ComplexArray:
         """Return the amplitudes of all modes at the last solution (H + 1 x n)."""
@@ -292,6 +317,11 @@ class ForcedResponse:
         modal[1] += self.amplitude * self.load
         Z, _ = s.stiffness(omega, len(modal) - 1)
         return np.asarray(_solved(s.free(Z), modal[:, :, None])[:, :, 0])
+
+
+def _turned(Z: ComplexArray, X: ComplexArray) -> ComplexArray:
+    """Return ``Z X`` of each harmonic, Z diagonal or full."""
+    return np.asarray(Z[:, :, None] * X if Z.ndim == 2 else Z @ X)
 
 
 def _solved(Z: ComplexArray, right: Array | ComplexArray) -> ComplexArray:

@@ -6,26 +6,31 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dynid.arrays import ComplexArray, guarded
+from dynid.arrays import Array, ComplexArray, guarded
+from dynid.errors import NumericalError
 from dynid.result import Result
 from dynid.structure.labels import Label, unsigned
 from dynid.structure.model import StructuralModel
-from dynid.structure.nonlinear.continuation import trace
+from dynid.structure.nonlinear.backbone import BackboneCurve
+from dynid.structure.nonlinear.continuation import solve_at, trace
 from dynid.structure.nonlinear.cycle import basis
 from dynid.structure.nonlinear.floquet import FloquetAnalysis
 from dynid.structure.nonlinear.harmonic_balance import (
     MAX_HARMONICS,
+    Condensed,
     ForcedResponse,
     condensed,
     to_real,
 )
 from dynid.structure.ports import Channel
 
-GROUP = "response/harmonic_balance"
+GROUP, BACKBONE = "response/harmonic_balance", "response/backbone"
 #: Points of a curve beyond which it is refused.
 MAX_POINTS = 1000
 # Largest part of the interval between two points.
 _LONGEST_STEP = 0.04
+# Largest change of the amplitude between two points of a backbone, relative to it.
+_LONGEST_AMPLITUDE_STEP = 0.15
 
 
 @guarded("the steady state")
@@ -41,6 +46,7 @@ def harmonic_balance(
     harmonics: int = MAX_HARMONICS,
     points: int = MAX_POINTS,
     stability: bool = True,
+    backbone: bool = True,
 ) -> Result:
     """Return the steady states under a force ``amplitude cos(omega t)`` at a DOF, along their curve.
 
@@ -58,7 +64,9 @@ def harmonic_balance(
         ``response/harmonic_balance/{point, omega, amplitude, phase, harmonic, response}``: half of the peak
         to peak displacement, m; phase of its first harmonic to the force, rad; amplitudes of its harmonics
         (point x harmonic), those of ``Re sum response exp(i h omega t)``; with stability also ``{stable,
-        multiplier}``, the size of the largest Floquet multiplier.
+        multiplier}``, the size of the largest Floquet multiplier; with `backbone` the mode that resonates at
+        the peak, down to the lowest amplitude of the curve: ``response/backbone/{point, amplitude, omega,
+        damping}``.
     """
     structure = condensed(model, values or {}, (start + stop) / 2)
     load, row = (structure.shapes.T @ model.row(at) for at in (dof, dof if output is None else output))
@@ -71,10 +79,13 @@ def harmonic_balance(
     multipliers: list[float] = []
     stable: list[bool] = []
     omegas: list[float] = []
+    top = 0.0, first.u, np.zeros((0, 0), dtype=complex)  # amplitude of the first harmonic, unknowns, modes
     for u in trace(equations, first, low, high, stop, points, longest):
         omegas.append(float(u[-1]))
         modal = equations.modal_motion(u)
         motions.append(modal @ row)
+        if (size := float(np.abs(motions[-1][1]))) > top[0]:
+            top = size, u, modal
         if floquet is not None:
             hidden = [0.0 if state is None else state[0] for state in equations.memory.hidden]
             verdict = floquet.stability(omegas[-1], modal, np.array(hidden))
@@ -98,7 +109,39 @@ def harmonic_balance(
         result.add(f"{GROUP}/multiplier", multipliers, ("point",))
     folds = int(np.count_nonzero(np.diff(np.sign(np.diff(omega)))))
     result.annotate(GROUP, force=amplitude, folds=folds, dof=str(dof), output=str(read))
+    if backbone:
+        _add_backbone(result, structure, row, top, harmonics, points)
     return result
+
+
+def _add_backbone(
+    result: Result, structure: Condensed, row: Array, top: tuple[float, Array, ComplexArray], harmonics: int,
+    points: int,
+) -> None:  # fmt: skip
+    """Add the backbone of the mode that resonates at the peak of a curve, from there to small amplitudes."""
+    _, u, modal = top
+    mode = int(np.abs(modal[1] * row).argmax())
+    equations = BackboneCurve(structure, mode, harmonics)
+    amplitude = result[f"{GROUP}/amplitude"]
+    high = float(np.abs(modal[1, mode]))
+    low = high * float(amplitude.data.min() / amplitude.data.max())
+    states: list[tuple[float, float, float]] = []
+    note = ""
+    try:
+        start = solve_at(equations, equations.near(u[:-1].reshape(equations.joints, -1), u[-1], modal))
+        if start is None:
+            raise NumericalError("the peak of the curve is no resonance of a mode")
+        for v in trace(equations, start, low, high, low, points, _LONGEST_AMPLITUDE_STEP):
+            motion = equations.modal_motion(v) @ row
+            states.append((half_peak_to_peak(motion), float(v[-3]), float(v[-2] / (2 * v[-3]))))
+    except NumericalError as error:
+        note = f"not followed farther: {error.problem}"
+    columns = np.array(states[::-1]).reshape(-1, 3).T
+    result.add_axis(f"{BACKBONE}/point", np.arange(1, len(states) + 1))
+    result.add(f"{BACKBONE}/amplitude", columns[0], ("point",), amplitude.units)
+    result.add(f"{BACKBONE}/omega", columns[1], ("point",), "rad/s")
+    result.add(f"{BACKBONE}/damping", columns[2], ("point",))
+    result.annotate(BACKBONE, mode=mode + 1, **({"note": note} if note else {}))
 
 
 def half_peak_to_peak(motion: ComplexArray) -> float:
