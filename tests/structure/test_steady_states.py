@@ -38,7 +38,6 @@ LAWS = {
     "cubic": BoundLaw(Cubic(), (2.0,)),
     "jenkins": BoundLaw(Jenkins(), (3.0, 1.0)),
     "jenkins that never slips": BoundLaw(Jenkins(), (3.0, 9.0)),
-    "bouc_wen": BoundLaw(BoucWen(), (2.0, 1.5, 0.5)),
     "bouc_wen, n = 2": BoundLaw(BoucWen(2.0), (2.0, 1.5, -0.5)),
     "gap": BoundLaw(Gap(), (5.0, 0.4, 0.0)),
     "damped gap with an offset": BoundLaw(Gap("positive"), (5.0, 0.4, 0.7), 0, 0.1),
@@ -149,9 +148,9 @@ def test_a_steady_state_is_a_long_time_response(law, parameters, amplitude, stop
 
 def test_unstable_states_are_periodic_and_stability_changes_at_folds():
     model = masses(Cubic(), 4e5)
-    result = harmonic_balance(model, 1, 2.0, 25.0, 60.0, output=2)
+    result = harmonic_balance(model, 1, 2.0, 28.0, 55.0, output=2, backbone=False)
     omega, amplitude, response, stable, multiplier = curve(result)
-    other = curve(harmonic_balance(model, 1, 2.0, 25.0, 60.0, stability=False, backbone=False))
+    other = curve(harmonic_balance(model, 1, 2.0, 28.0, 55.0, stability=False, backbone=False))
     folds = np.flatnonzero(np.diff(np.sign(np.diff(omega)))) + 1
     changes = np.flatnonzero(np.diff(stable.astype(int)))
     assert len(folds) >= 2
@@ -184,7 +183,9 @@ def test_unstable_states_are_periodic_and_stability_changes_at_folds():
 
 def test_small_motions_are_linear():
     model = masses(Cubic(), 1.0)
-    omega, amplitude, response, stable, multiplier = curve(harmonic_balance(model, 2, 1e-6, 50.0, 20.0))
+    omega, amplitude, response, stable, multiplier = curve(
+        harmonic_balance(model, 2, 1e-6, 40.0, 25.0, backbone=False)
+    )
     linear = frequency_response(model, [2], [Channel(2, "displacement")], omega[::-1])
     expected = linear["structure/frequency_response/response"].data[::-1, 0, 0]
     assert response[:, 1] == pytest.approx(1e-6 * expected, rel=1e-9)
@@ -200,10 +201,12 @@ def test_small_motions_are_linear():
 def test_a_structure_that_its_law_alone_holds():
     links = [Link((1, 2), 1000.0, 2.0), Link((2,), 0.0, 1.0)]
     model = masses(Cubic(), 4e5, dofs=(1,), links=links)
-    omega, amplitude, response, stable = curve(harmonic_balance(model, 2, 3.0, 40.0, 30.0))[:4]
+    omega, amplitude, response, stable = curve(harmonic_balance(model, 2, 3.0, 32.0, 30.0, backbone=False))[
+        :4
+    ]
     assert stable[-1]
     w = omega[-1]
-    first = curve(harmonic_balance(model, 2, 3.0, 40.0, 30.0, output=1, stability=False, backbone=False))[2]
+    first = curve(harmonic_balance(model, 2, 3.0, 32.0, 30.0, output=1, stability=False, backbone=False))[2]
     x = [motion_at(r[-1], np.zeros(1))[0] for r in (first, response)]
     v = [(1j * w * np.arange(r.shape[1]) * r[-1]).sum().real for r in (first, response)]
 
@@ -220,7 +223,7 @@ def test_a_slider_that_sticks_is_a_spring():
     linear = masses(
         Cubic(), 0.0, links=[Link((1,), 1000.0, 2.0), Link((2,), 500.0, 1.0), Link((1, 2), 300.0)]
     )
-    omega, _, response, stable, _ = curve(harmonic_balance(model, 2, 1.0, 30.0, 20.0))
+    omega, _, response, stable, _ = curve(harmonic_balance(model, 2, 1.0, 27.0, 22.0, backbone=False))
     expected = frequency_response(linear, [2], [Channel(2, "displacement")], omega[::-1])
     expected = expected["structure/frequency_response/response"].data[::-1, 0, 0]
     assert response[:, 1] == pytest.approx(expected, rel=1e-9)
@@ -234,7 +237,7 @@ def test_hysteresis_and_damped_impacts_agree_with_the_march():
         masses(Gap("positive"), 2e3, 2e-3, 5.0, dofs=(2,)),
     )
     for model in (hysteretic, stopped):
-        stable = curve(harmonic_balance(model, 2, 1.0, 18.0, 20.0))[3]
+        stable = curve(harmonic_balance(model, 2, 1.0, 18.0, 18.6, backbone=False))[3]
         assert stable.all()
 
 
