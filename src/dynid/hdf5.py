@@ -93,8 +93,8 @@ def _matches(name: str, size: int) -> bool | None:
         if not stated.startswith(_MARK):
             return None
         stream.seek(0)
-        content = stream.read(size - _LENGTH)
-    return checksum([content]) == stated
+        blocks = (stream.read(min(2**20, size - _LENGTH - at)) for at in range(0, size - _LENGTH, 2**20))
+        return checksum(blocks) == stated
 
 
 def inside(group: Any, path: str) -> Any:

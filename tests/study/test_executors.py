@@ -1,8 +1,10 @@
 """Executors: the file of a study is the same with all of them, also after workers died."""
 
+import concurrent.futures
 import os
 import subprocess
 import sys
+import threading
 import time
 import types
 from dataclasses import replace
@@ -275,15 +277,21 @@ def test_a_study_goes_on_in_processes_once_its_samples_are_seen_to_take_long(ser
 
 
 def test_what_the_first_chunk_imports_does_not_start_processes(monkeypatch):
-    """Samples that are slow themselves do, after the first one."""
+    """Slow samples do, after the first one; until the processes are ready, they run here."""
     monkeypatch.setattr(executors, "cores", lambda: 2)
-    pool = make_executor()
+    pool, ready = make_executor(), threading.Event()
+    monkeypatch.setattr(pool, "_run", lambda *_: ready.wait())
     run = scheduler.Scheduler(pool, None, None, np.arange(100), None)
     run.next = 1
     pool.expect(run._left(1, 2.0))
     assert pool.ahead == 1
     pool.expect(run._left(1, 10.0))
+    assert pool.ahead == 1
+    assert pool.submit(threading.get_ident).result() == threading.get_ident()
+    ready.set()
+    concurrent.futures.wait(pool._starts)
     assert pool.ahead == 4
+    pool.dismiss()
 
 
 @pytest.mark.parametrize(

@@ -151,6 +151,9 @@ class Worker:
             raise ProcessDied
         # The processes already share the cores.
         self._process = ChildProcess(ONE_THREAD)
+        if self._closed:  # meanwhile
+            self.close()
+            raise ProcessDied
         began = time.monotonic()
         self._exchange(_START_SECONDS, _ready, ())
         self._warm_up = max(_WARM_UP_SECONDS, _WARM_UP_STARTS * (time.monotonic() - began))
@@ -248,27 +251,34 @@ _MIN_SECONDS_FOR_PROCESSES = 3.0
 
 
 class AutoExecutor(ProcessExecutor):
-    """Executor in this process, and in several where so much is left to do that they are faster."""
+    """Executor in this process, and in several where so much is left to do that they are faster.
+
+    Until they have started, this process goes on with the samples.
+    """
 
     def __init__(self) -> None:
         super().__init__()
-        self._processes = self.width
-        self.width = 1
         self._at_once = _AtOnce()
+        self._starts: list[Future[Any]] = []
 
     @property
     def ahead(self) -> int:
-        """One chunk in this process, which is finished when it has been submitted."""
-        return 1 if self.width == 1 else super().ahead
+        """One chunk in this process, which is finished when it has been submitted; then as of processes."""
+        return 1 if self._is_alone else super().ahead
+
+    @property
+    def _is_alone(self) -> bool:
+        return not self._starts or not all(start.done() for start in self._starts)
 
     def submit(self, call: Callable[..., Any], *args: Any) -> Future[Any]:
         """Run a call, or submit it to a worker."""
-        return self._at_once.submit(call, *args) if self.width == 1 else super().submit(call, *args)
+        return self._at_once.submit(call, *args) if self._is_alone else super().submit(call, *args)
 
     def expect(self, seconds: float) -> None:
-        """Use processes from now on, if so much is left to do."""
-        if seconds > _MIN_SECONDS_FOR_PROCESSES:
-            self.width = self._processes
+        """Start processes, if so much is left to do."""
+        if not self._starts and seconds > _MIN_SECONDS_FOR_PROCESSES:
+            start = super().submit
+            self._starts = [start(_ready) for _ in range(self.width)]
 
 
 _DASK_POOL = WorkerPool(_IDLE_SECONDS)

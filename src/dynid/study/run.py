@@ -85,9 +85,7 @@ class Run:
 
     def __post_init__(self) -> None:
         heading, journal = self.heading, self.journal
-        _, first, self.one, self.copies = np.unique(
-            as_texts(heading.keys), return_index=True, return_inverse=True, return_counts=True
-        )
+        _, first, self.one = np.unique(as_texts(heading.keys), return_index=True, return_inverse=True)
         self.first = first  # row of the first sample of each key
         self.keys = heading.keys
         self.where = journal.numbers(heading.keys[first])  # in the journal; -1: not finished
@@ -116,7 +114,7 @@ class Run:
         return bool(np.all(self.where >= 0))
 
     def _count(self, which: NDArray[np.bool_]) -> int:
-        return int(self.copies[which].sum())
+        return int(np.count_nonzero(which[self.one]))
 
     def go(self, pool: StudyExecutor, notice: Notice | None = None) -> None:
         """Run the samples that are not finished."""
@@ -273,13 +271,13 @@ def heading_of(plan: Plan, numbers: range, keys: Keys) -> StudyHeading:
     """Return the heading of the file of a plan, or of a shard of it."""
     digest = hashlib.sha256(plan.base.source.resolved_text().encode())  # equal for all shards of a study
     digest.update(plan.study.source.resolved_text().encode())
-    rows = np.arange(plan.size)[numbers.start :: numbers.step]
+    rows = slice(numbers.start, None, numbers.step)  # of columns as views
     return StudyHeading(
         title=plan.study.title,
         text=plan.study.source.resolved_text(),
         base=plan.base.source.resolved_text(),
         seed=plan.seed,
-        numbers=np.asarray(rows, dtype=np.int64),
+        numbers=np.arange(plan.size, dtype=np.int64)[rows],
         columns={path: values[rows] for path, values in plan.arrays.items()},
         keys=keys,
         attrs={**plan.attrs, "plan": digest.hexdigest()[:32]},

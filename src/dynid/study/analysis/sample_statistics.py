@@ -24,7 +24,7 @@ NAMES = ("mean", "std", *QUANTILES, "count")
 
 Direction = Literal["max", "min", "abs"]
 
-_BLOCK_VALUES = 2**22  # values in memory at a time
+_BLOCK_VALUES = 2**20  # values at a time, of which some eight arrays are in memory
 
 
 def statistics(values: Array) -> dict[str, Array | NDArray[np.int64]]:
@@ -43,7 +43,8 @@ def statistics(values: Array) -> dict[str, Array | NDArray[np.int64]]:
     with np.errstate(all="ignore"):
         shifted = ordered - centre[..., None]
         offset = _sum(shifted, defined) / count
-        spread = _sum(np.square(shifted - offset[..., None]), defined)
+        shifted -= offset[..., None]
+        spread = _sum(np.square(shifted, out=shifted), defined)
         std = np.sqrt(spread / np.where(count > 1, count - 1, np.nan))
     mean = np.where(count > 0, centre + offset, np.nan)
     quantiles = {name: quantile(ordered, count, share) for name, share in QUANTILES.items()}
