@@ -188,13 +188,20 @@ def has_damping(model: StructuralModel) -> bool:
 
 @guarded("the modes of the structure")
 def lowest_modes(
-    model: StructuralModel, values: Mapping[str, float], count: int, near: float, *, damped: bool
+    model: StructuralModel,
+    values: Mapping[str, float],
+    count: int,
+    near: float,
+    *,
+    damped: bool,
+    with_shapes: bool = True,
 ) -> ModalSolution:
     """Return the lowest modes of a structure.
 
     `model`: the structure, full or reduced; `values`: its unknown parameters by name; `count`: how many
     modes; fewer where there are not so many; `near`: an angular frequency, rad/s, of the size of the lowest
-    elastic ones; `damped`: True to take damping into account.
+    elastic ones; `damped`: True to take damping into account; `with_shapes`: False where derivatives of
+    frequencies are needed alone, for which a dense structure needs no further modes.
 
     Raises Singular if a motion has neither mass nor stiffness, or the stiffness is indefinite, and
     NumericalError if damped modes of a sparse structure are not found.
@@ -217,7 +224,7 @@ def lowest_modes(
         poles, U = second_order_poles(dense_modes.omega, shapes.T @ C @ shapes, loss)
         kept = np.flatnonzero(poles.imag > STILL * np.abs(poles))[:count]
         return ModalSolution(model, values, poles[kept], shapes @ U[:, kept], matrices)
-    all_modes = len(M) <= _MOST_WHOLE
+    all_modes = with_shapes and len(M) <= _MOST_WHOLE
     square, shapes, inverse = _undamped(M, K, len(M) if all_modes else count, near**2)
     poles = np.asarray(1j * np.sqrt(np.maximum(square[:count], 0.0)), dtype=np.complex128)
     return ModalSolution(model, values, poles, shapes[:, :count], matrices, inverse if all_modes else None)

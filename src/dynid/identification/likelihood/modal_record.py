@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import ClassVar, Self
 
 import numpy as np
@@ -32,6 +32,19 @@ from dynid.structure.model import StructuralModel
 
 #: Frequencies nearer to each other, relative, have one span of shapes.
 CLOSE = 1e-4
+
+
+@lru_cache(maxsize=4)
+def _solution(
+    model: StructuralModel,
+    at: tuple[tuple[str, float], ...],
+    count: int,
+    near: float,
+    damped: bool,
+    with_shapes: bool,
+) -> ModalSolution:
+    """Return modes, kept for records that differ in weights alone, as of frequencies that are left out."""
+    return lowest_modes(model, dict(at), count, near, damped=damped, with_shapes=with_shapes)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -230,7 +243,8 @@ class ModalRecord(RecordLikelihood):
     def solution(self, at: Mapping[str, float]) -> ModalSolution:
         """Return the modes of the model at values of the parameters."""
         near = float(self.measurement.omega.min())  # of the size of the lowest elastic ones
-        return lowest_modes(self.model, at, self.count, near, damped=self.damped)
+        with_shapes = len(self.measurement.dofs) > 0
+        return _solution(self.model, tuple(at.items()), self.count, near, self.damped, with_shapes)
 
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> ModalFit:  # noqa: ARG002
         """Predict the modes at coordinates of the parameters, and compare them with `values`."""

@@ -205,7 +205,7 @@ def modes_needed(model: StructuralModel, measurement: ModalMeasurement, at: Mapp
     near, highest = float(measurement.omega.min()), _BEYOND_MEASURED * float(measurement.omega.max())
     count = measurement.modes + _SPARE_MODES
     while count < min(model.size, _MAX_MODES):
-        omega = lowest_modes(model, at, count, near, damped=False).omega
+        omega = lowest_modes(model, at, count, near, damped=False, with_shapes=False).omega
         if len(omega) < count or omega[-1] > highest:
             return max(measurement.modes + _SPARE_MODES, int(np.count_nonzero(omega <= highest)) + 1)
         count *= 2
