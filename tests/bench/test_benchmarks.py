@@ -61,13 +61,17 @@ SMALL = {
     "modes-of-solids": (300, 1e-10),
     "many-modes": (20, 1e-10),
     "structure-response": (3, 1e-8),
+    "large-structure-response": (300, 1e-8),
     "frf-joints": (60, 0.1),
+    "frf-many-joints": (60, 0.5),
+    "modal-updating": (300, 1e-5),
     "plate-process": (400, 1e-10),
     "craig-bampton": (400, 0.1),
     "many-modes-process": (400, 1e-10),
     "startup": (1, 0),
     "study": (2, 1e-15),
     "study-of-reductions": (2, 1e-11),
+    "study-of-reductions-process": (2, 1e-10),
     "study-of-identifications": (2, 0.05),  # standard errors
     "robot-arm": (1024, 0.25),
 }
@@ -97,6 +101,9 @@ SLOW = (
 REPEATED = (
     *((name, "process-each") for name in ("study", "study-of-reductions", "study-of-identifications")),
     ("frf-joints", "whole"),
+    *(("frf-many-joints", name) for name in ("whole", "reduced-first", "least-squares-on-modes")),
+    *(("study-of-reductions-process", name) for name in ("serep", "five-methods")),
+    ("modal-updating", "dynid"),
     ("wide-record", "dynid"),
     ("long-record", "dynid"),
     ("residuals", "residuals-auto"),

@@ -1,12 +1,13 @@
 """The response of graphs on many loops by sparse factors, against balances solved in 60 digits."""
 
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
 from flint import acb, acb_mat, arb, ctx, fmpq
 
-from dynid.bench.cases.graph_shapes import _ladder, _lattice
+from dynid.bench.cases.graph_shapes import _analysis, _chain, _ladder, _lattice
 from dynid.bondgraph import nodal_response
 from dynid.bondgraph.analysis_request import modelled_storages
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
@@ -16,7 +17,7 @@ from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.defaults import Limit
 from dynid.scene.run import run_scene
-from tests.work import at_most
+from tests.work import at_most, calls_of
 
 OMEGA = np.array([0.01, 0.3, 1.0, 7.0])
 
@@ -230,10 +231,31 @@ def test_values_of_samples_do_not_keep_the_matrix_of_others():
     )
 
 
-@pytest.mark.parametrize(("shape", "size"), [(_lattice, 14), (_ladder, 20), (_ladder, 40), (_ladder, 100)])
-def test_a_default_run_costs_little_more_than_its_response(shape, size):
+def _chain_scene(stages, *results):
+    return _analysis(*_chain(stages), "m0.f", *results)
+
+
+#: Every shape of the benchmarks: its scene, and its nodes.
+SHAPES = {
+    "lattice": (_lattice(14).scene, 196),
+    **{f"ladder of {rungs}": (_ladder(rungs).scene, 2 * rungs) for rungs in (20, 40, 100)},
+    "chain": (partial(_chain_scene, 30), 180),
+}
+
+
+@pytest.mark.parametrize(("scene", "nodes"), SHAPES.values(), ids=SHAPES)
+def test_a_default_run_costs_little_more_than_its_response(scene, nodes):
     """Peaks, scope and labels: no shape of some hundred nodes takes more calls than 400 a node."""
-    scene = shape(size).scene("frequency_response")
-    run_scene(scene)
-    with at_most(calls=400 * (size**2 if shape is _lattice else 2 * size) + 10_000):
-        run_scene(scene)
+    built = scene("frequency_response")
+    run_scene(built)
+    with at_most(calls=400 * nodes + 10_000):
+        run_scene(built)
+
+
+@pytest.mark.parametrize("scene", [_lattice(7).scene, _ladder(20).scene, partial(_chain_scene, 25)])
+def test_properties_cost_no_more_than_ten_times_the_roots_that_they_need(scene):
+    built = [scene("properties"), scene("zeros", "poles")]
+    for each in built:
+        run_scene(each)
+    properties, roots = (calls_of(run_scene, each) for each in built)
+    assert properties <= 10 * roots

@@ -36,14 +36,15 @@ def test_errors_are_as_small_as_any_can_be_and_as_large_as_they_are_said_to_be(n
 @pytest.mark.slow
 def test_intervals_of_joints_from_frequency_responses():
     """The frame of the benchmark with 2 % proportional noise; 2,000 records with DYNID_RECORDS=2000."""
-    from dynid.bench.cases import structure_response
+    from dynid.bench.cases.structure_response import ONE_AXIS, TRUE, measured_frame, unknowns
     from dynid.identification.identify import identify
     from dynid.identification.systems.frf_system import FrfSystem
 
     count = int(os.environ.get("DYNID_RECORDS", "200"))
-    model, measurement = structure_response._case(791)
+    model, measurement, _ = measured_frame(791)
     clean = FrfSystem.of(model, measurement.channels).response(measurement.omega).values
-    true, held = np.array(list(structure_response._TRUE.values())), []
+    true = np.array(list(unknowns(TRUE, ONE_AXIS).values()))
+    held = []
     for seed in range(count):
         noise = np.random.default_rng(1000 + seed).standard_normal((2, *clean.shape)) / np.sqrt(2)
         values = clean * (1 + 0.02 * (noise[0] + 1j * noise[1]))

@@ -129,13 +129,17 @@ BENCHMARKS = {
     "modes-of-solids": _CatalogueEntry("modes:SOLID", 3),
     "many-modes": _CatalogueEntry("modes:MANY", 2),
     "structure-response": _CatalogueEntry("structure_response", 3),
+    "large-structure-response": _CatalogueEntry("structure_response:LARGE", 0),
     "frf-joints": _CatalogueEntry("structure_response:JOINTS", 5),
+    "frf-many-joints": _CatalogueEntry("structure_response:MANY_JOINTS", 0),
+    "modal-updating": _CatalogueEntry("modal_updating", 0),
     "plate-process": _CatalogueEntry("startup:PLATE", 0),  # minutes at the size that matters
     "craig-bampton": _CatalogueEntry("startup:CRAIG_BAMPTON", 0),
     "many-modes-process": _CatalogueEntry("startup:MANY_MODES", 0),
     "startup": _CatalogueEntry("startup", 17),
     "study": _CatalogueEntry("study", 15),
     "study-of-reductions": _CatalogueEntry("study:REDUCTIONS", 0),
+    "study-of-reductions-process": _CatalogueEntry("study:REDUCTION_COMMANDS", 0),
     "study-of-identifications": _CatalogueEntry("study:IDENTIFICATIONS", 0),
     "robot-arm": _CatalogueEntry("robot_arm", 0),  # its data are not in the package
 }

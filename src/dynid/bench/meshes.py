@@ -13,19 +13,22 @@ from dynid.structure.solid_elements import ELEMENTS
 from dynid.structure.solid_mesh import Block, SolidMesh
 
 
-def plate(side: int, width: float = 1.0, height: float = 1.3) -> tuple[csc_array, csc_array]:
+def plate(
+    side: int, width: float = 1.0, height: float = 1.3, rigidities: np.ndarray | float = 1.0
+) -> tuple[csc_array, csc_array]:
     """Return stiffness and mass of a simply supported Kirchhoff plate, side x side elements.
 
-    Elements of four nodes with w, dw/dx, dw/dy (Adini, Clough, Melosh), consistent mass; unit bending
-    stiffness and mass per area, Poisson's ratio 0.3.
+    Elements of four nodes with w, dw/dx, dw/dy (Adini, Clough, Melosh), consistent mass; bending stiffness of
+    the elements `rigidities`, unit mass per area, Poisson's ratio 0.3.
     """
     numbers = _nodes_of_elements((side, side), np.array([[0, 0], [1, 0], [1, 1], [0, 1]]))
     dof = (3 * numbers[:, :, None] + np.arange(3)).reshape(len(numbers), -1).astype(np.int32)
     rows, columns = np.repeat(dof, dof.shape[1], axis=1).ravel(), np.tile(dof, dof.shape[1]).ravel()
     keep = _free(side)
+    scales = np.broadcast_to(rigidities, len(numbers)), np.ones(len(numbers))
     K, M = (
-        csc_array(coo_array((np.tile(matrix.ravel(), len(numbers)), (rows, columns)), shape=(len(keep),) * 2))
-        for matrix in _plate_element(width / side, height / side)
+        csc_array(coo_array((np.outer(scale, matrix).ravel(), (rows, columns)), shape=(len(keep),) * 2))
+        for matrix, scale in zip(_plate_element(width / side, height / side), scales, strict=True)
     )
     return csc_array(K[keep][:, keep]), csc_array(M[keep][:, keep])
 

@@ -219,6 +219,141 @@ REDUCTIONS = Benchmark(
 )
 
 
+# Yang's beam with two joints over their stiffnesses, as commands.
+_MASTERS = (1, 6, 10)
+_METHODS = {
+    "irs": f"method: irs, masters: {[*_MASTERS]}",
+    "serep": f"method: serep, masters: {[*_MASTERS]}, modes: [2, 3, 4]",  # mode 1 is rigid
+    "guyan": f"method: guyan, masters: {[*_MASTERS]}",
+    "craig-bampton": f"method: craig-bampton, masters: {[*_MASTERS]}, modes: {{count: 2}}",
+    "joint-aware": f"method: joint-aware, masters: {[*_MASTERS]}, modes: [1, 2, 3]",
+}
+_JOINED = """\
+dynid: 1
+kind: reduction
+structure:
+  beam: {elements: 7, length: 7, EI: 1723.3, rhoA: 0.1, supports: [{node: 1, fix: [w]}]}
+joints:
+  root: {dofs: [1], k: 5.0e3}
+  support: {dofs: [10], k: 1.0e4, c: 20}
+reduction:
+"""
+_JOINTS = """\
+dynid: 1
+kind: study
+scene: beam.yaml
+vary:
+  joints.root.k: {{distribution: uniform, low: 2000, high: 8000}}
+  joints.support.k: {{distribution: uniform, low: 5000, high: 20000}}
+sampling: {{method: latin-hypercube, samples: {samples}, seed: 1}}
+"""
+#: IRS of all samples side by side; the joints' stiffnesses are in `joints.npy`.
+_STACKED = f"""\
+import numpy as np
+n, EI, rhoA = 7, 1723.3, 0.1
+ke = EI * np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4.0]])
+me = rhoA / 420 * np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4.0]])
+K, M = np.zeros((2, 16, 16))
+for e in range(n):
+    K[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += ke
+    M[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += me
+K, M, joints = K[1:, 1:], M[1:, 1:], np.load("joints.npy")
+Ks = np.repeat(K[None], len(joints), 0)
+Ks[:, 0, 0] += joints[:, 0]
+Ks[:, 9, 9] += joints[:, 1]
+m = np.array({[*_MASTERS]}) - 1
+s = np.setdiff1d(np.arange(15), m)
+T = np.zeros((len(joints), 15, 3))
+T[:, m] = np.eye(3)
+inverse = np.linalg.inv(Ks[:, s][:, :, s])
+T[:, s] = -inverse @ Ks[:, s][:, :, m]
+def reduced(T):
+    return [np.swapaxes(T, 1, 2) @ A @ T for A in (Ks, M)]
+Kr, Mr = reduced(T)
+S = np.zeros_like(Ks)
+S[:, s[:, None], s] = inverse
+Kr, Mr = reduced(T + S @ M @ T @ np.linalg.solve(Mr, Kr))
+L = np.linalg.inv(np.linalg.cholesky(Mr))
+np.save("irs.npy", np.sqrt(np.linalg.eigvalsh(L @ Kr @ np.swapaxes(L, 1, 2))))
+"""
+
+
+def _joined(samples: int, methods: tuple[str, ...]) -> Path:
+    """Write the study of some methods, and the script beside it, into a folder of their own."""
+    scene = _JOINED + "".join(f"  - {{{_METHODS[name]}}}\n" for name in methods)
+    collected = f"collect: [{', '.join(f'reduction/{name}/frequencies' for name in methods)}]\n"
+    plan = planned(samples, scene, _JOINTS + collected)
+    folder = plan.base.folder
+    np.save(folder / "joints.npy", np.array([plan.values(path, range(samples)) for path in plan.settings]).T)
+    (folder / "script.py").write_text(_STACKED, encoding="utf-8")
+    return folder
+
+
+def _command(folder: Path, method: str) -> tuple[str, Any]:
+    """Run the study, and return the frequencies of a method."""
+    from dynid.store import read_result
+
+    target = folder / "study.h5"
+    target.unlink(missing_ok=True)
+    command = [sys.executable, "-m", "dynid", "study", "study.yaml", "-q"]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return method, read_result(target)[f"study/results/reduction/{method}/frequencies"].data
+
+
+def _stacked(folder: Path) -> tuple[str, Any]:
+    subprocess.run([sys.executable, "script.py"], cwd=folder, check=True, capture_output=True)
+    return "irs", np.load(folder / "irs.npy")
+
+
+def _off_joined(samples: int, answer: tuple[str, Any]) -> float:
+    """Return the error of the frequencies of some samples against dense ones."""
+    from scipy.linalg import block_diag, eigh, solve
+
+    from dynid.structure.assembly import Support
+    from dynid.structure.frame import beam
+    from dynid.structure.matrices import as_array
+
+    method, frequencies = answer
+    bare = beam(7, 7.0, 1723.3, 0.1, supports=[Support(1, ("w",))])
+    M, K, errors = as_array(bare.M), as_array(bare.K), []
+    order = np.r_[np.array(_MASTERS) - 1, np.setdiff1d(np.arange(15), np.array(_MASTERS) - 1)]
+    M, bare_K = M[order][:, order], K[order][:, order]
+    values = np.load(_joined(samples, (method,)) / "joints.npy")
+    for k in range(0, samples, max(1, samples // 20)):
+        K = bare_K + np.diag([values[k, 0], 0, values[k, 1], *[0.0] * 12])
+        if method == "irs":
+            inverse = block_diag(np.zeros((3, 3)), np.linalg.inv(K[3:, 3:]))
+            T = np.vstack([np.eye(3), -solve(K[3:, 3:], K[3:, :3])])
+            T = T + inverse @ M @ T @ solve(T.T @ M @ T, T.T @ K @ T)
+        else:
+            shapes = eigh(bare_K, M)[1][:, 1:4]
+            T = shapes @ np.linalg.inv(shapes[:3])
+        true = np.sqrt(eigh(T.T @ K @ T, T.T @ M @ T, eigvals_only=True))
+        errors.append(np.max(np.abs(frequencies[k] / true - 1)))
+    return float(max(errors))
+
+
+def _as_command(name: str, *methods: str) -> Alternative:
+    return Alternative(name, partial(_command, method=methods[0]), partial(_joined, methods=methods))
+
+
+REDUCTION_COMMANDS = Benchmark(
+    title="Reductions of samples of a beam with two joints over their stiffness, whole processes",
+    size="samples",
+    sizes=(3, 1000),
+    alternatives=(
+        _as_command("irs", "irs"),
+        _as_command("serep", "serep"),
+        _as_command("five-methods", *_METHODS),
+        Alternative("stacked-irs", _stacked, partial(_joined, methods=("irs",)), peer=True),
+    ),
+    error=_off_joined,
+    default=lambda _: "irs",
+    measure="largest relative error of a frequency by IRS, or SEREP",
+    remark="stacked-irs is a script for this beam alone, in stacks of NumPy, without checks, journal or file",
+)
+
+
 # Yang's Table 2 over seeds of its noise.
 _ESTIMATE = "identification/parameters/estimate"
 _SUSPENSION = """\
