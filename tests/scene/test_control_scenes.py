@@ -546,7 +546,11 @@ def test_results_of_sampled_loops():
         ("sample: 0.1, computation", "delay: 1, computation", "'computation' is of a sampled controller"),
         ("tf: 0.2}, sample: 0.1", "tf: 0.2}, method: zoh", "'method' is of a sampled controller"),
         ("sample: 0.1, computation", "sample: 0.1, delay", "a sampled controller has no 'delay'"),
-        ("gain: 1, sample: 0.1", "gain: 1, sample: 0.10001", "sample together again after 20,001 samples only"),
+        (
+            "gain: 1, sample: 0.1",
+            "gain: 1, sample: 0.10001",
+            "sample together again after 20,001 samples only",
+        ),
         ("tf: 0.2}, sample: 0.1", "tf: 0.2}, sample: 0.1, method: z", "'z' reads coefficients in z"),
         ("kd: 0.4, tf: 0.2}, sample: 0.1", "kd: 0.4}, sample: 0.1, method: zoh", "'zoh' needs a controller"),
         (
