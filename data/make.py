@@ -14,6 +14,8 @@
   configs/chain_frf_modes.yaml.
 - chain_ambient.npz: accelerations (g) of that chain under random forces and a machine at 20 Hz (seed 5), for
   configs/chain_ambient.yaml.
+- rotor_mass.mtx, rotor_stiffness.mtx, rotor_gyroscopic.mtx: an overhung disc on a shaft, for
+  configs/rotor.yaml.
 - eq25_mass.mtx, eq25_damping.mtx, eq25_stiffness.mtx: the reduced beam of Yang (1997), eq 25, with the
   misprinted (2,3) entry of the stiffness (-11.0029, which makes it indefinite) as -1.0029.
 """
@@ -170,6 +172,28 @@ def matrices() -> None:
         mmwrite(target, matrix.round(12), comment=comment, symmetry="symmetric", precision=15)
 
 
+def rotor() -> None:
+    """Write an overhung disc on a shaft that is clamped at its drive, with a bearing beside the disc."""
+    EI = 2.0e4
+
+    def bend(a: float) -> np.ndarray:
+        rows = [[12, 6 * a, -12, 6 * a], [6 * a, 4 * a**2, -6 * a, 2 * a**2]]
+        rows += [[-12, -6 * a, 12, -6 * a], [6 * a, 2 * a**2, -6 * a, 4 * a**2]]
+        return EI / a**3 * np.array(rows)
+
+    plane = bend(0.2)  # displacement and slope of the bearing, of the disc
+    plane[:2, :2] += bend(0.6)[2:, 2:]
+    kept, slope = [2, 3, 0], 1  # the slope at the bearing has no inertia: it is condensed
+    plane = plane[np.ix_(kept, kept)] - np.outer(plane[kept, slope], plane[slope, kept]) / plane[slope, slope]
+    M, G, K = np.diag([12, 12, 0.06, 0.06, 1, 1]), np.zeros((6, 6)), np.zeros((6, 6))
+    G[2, 3], G[3, 2] = 0.11, -0.11
+    for places, signs in (([0, 3, 4], [1, 1, 1]), ([1, 2, 5], [1, -1, 1])):  # dx/dz = ry, dy/dz = -rx
+        K[np.ix_(places, places)] = plane * np.outer(signs, signs)
+    comment = "rotor with a disc; DOFs 1:x, 1:y, 1:rx, 1:ry, 2:x, 2:y"
+    for name, matrix in (("mass", M), ("stiffness", K), ("gyroscopic", G)):
+        mmwrite(HERE / f"rotor_{name}.mtx", matrix.round(9), comment=comment, precision=15)
+
+
 if __name__ == "__main__":
     record()
     raw()
@@ -178,3 +202,4 @@ if __name__ == "__main__":
     matrices()
     chain()
     ambient()
+    rotor()

@@ -13,10 +13,12 @@ from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array, csr_array, save_npz
 
 from dynid.errors import FileError, UsageError
+from dynid.files.matrix_market import read_matrix_market
 from dynid.files.read_matrix import MatrixFile, matrix_file, read_labels, read_matrix
 from dynid.files.read_structure import from_state_space, imported
 from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.joints import Joint
+from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from tests.copies import answers
 
@@ -178,7 +180,7 @@ MARKET = "%%MatrixMarket matrix"
         (f"{MARKET} coordinate real symmetric\n3 2 1\n1 1 1.0\n", "is square, not 3 x 2"),
         (f"{MARKET} coordinate pattern symmetric\n1 1 1\n1 1\n", "is pattern"),
         (f"{MARKET} coordinate complex general\n1 1 1\n1 1 1 0\n", "is complex"),
-        (f"{MARKET} coordinate real skew-symmetric\n2 2 1\n2 1 1\n", "is skew-symmetric"),
+        (f"{MARKET} coordinate real skew-symmetric\n2 3 1\n2 1 1\n", "skew-symmetric matrix is square"),
         (f"{MARKET} heap real symmetric\n2 2 1\n2 1 1\n", "is heap"),
         (f"{MARKET} coordinate real\n", ":1: a Matrix Market header has five"),
         (f"{MARKET} coordinate real general\n% x\n3 three\n", ":3: the sizes"),
@@ -715,3 +717,16 @@ def test_a_triangle_alone_is_told_which_one_is_missing(tmp_path, half, missing, 
     stored = read_matrix(MatrixFile(path), "stiffness").matrix
     with pytest.raises(UsageError, match=f"its {missing} triangle is missing"):
         StructuralModel(np.eye(len(K)), np.zeros_like(K), stored)
+
+
+@pytest.mark.parametrize("dense", [True, False])
+def test_a_skew_symmetric_matrix_is_mirrored_with_its_sign(tmp_path, dense):
+    upper = np.triu(np.random.default_rng(0).standard_normal((5, 5)), 1)
+    matrix = upper - upper.T
+    mmwrite(
+        tmp_path / "g.mtx", matrix if dense else coo_array(matrix), symmetry="skew-symmetric", precision=17
+    )
+    assert np.array_equal(as_array(read_matrix_market(tmp_path / "g.mtx").matrix), matrix)
+    text = (tmp_path / "g.mtx").read_text().replace("\n2 1 ", "\n2 1 +")  # not plainly written
+    (tmp_path / "g.mtx").write_text(text)
+    assert np.array_equal(as_array(read_matrix_market(tmp_path / "g.mtx").matrix), matrix)

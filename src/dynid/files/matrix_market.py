@@ -27,7 +27,8 @@ from dynid.structure.matrices import Matrix
 BANNER = "%%matrixmarket"
 
 _FIELDS = ("real", "double", "integer")
-_SYMMETRIES = ("general", "symmetric")
+# The factor of the triangle that is not stored, 0 where both are.
+_SYMMETRIES = {"general": 0, "symmetric": 1, "skew-symmetric": -1}
 # Lines `row column value`: two whole numbers and a decimal one. Nothing is matched twice (`++`).
 _ENTRIES = re.compile(
     rb"(?:[ \t]*+\d++[ \t]++\d++[ \t]++-?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+[ \t]*+\r?+\n)++"
@@ -41,14 +42,19 @@ def has_banner(start: bytes) -> bool:
 
 class _MatrixMarketHeader(NamedTuple):
     layout: str
-    symmetric: bool
+    symmetry: str
     shape: tuple[int, int]
     entries: int
     lines: int
 
+    @property
+    def mirrored(self) -> int:
+        """The factor of the triangle that is not stored; 0 where both are."""
+        return _SYMMETRIES[self.symmetry]
+
 
 def read_matrix_market(path: Path) -> ImportedMatrix:
-    """Read a Matrix Market file, coordinates or array, symmetric storage mirrored."""
+    """Read a Matrix Market file, coordinates or array, symmetric and skew-symmetric storage mirrored."""
     with read_errors(path, "Matrix Market"):
         header = _matrix_market_header(path)
         if header.layout == "coordinate" and (matrix_read := _by_scipy(path, header)) is not None:
@@ -63,13 +69,13 @@ def read_matrix_market(path: Path) -> ImportedMatrix:
         if columns == 1:
             # Column by column; of a symmetric matrix the lower triangle.
             rows, columns = header.shape
-            if not header.symmetric:
+            if not header.mirrored:
                 return ImportedMatrix(np.ascontiguousarray(table[:, 0].reshape(columns, rows).T))
             matrix = np.zeros(header.shape)
-            matrix.T[np.triu_indices(rows)] = table[:, 0]
-            return ImportedMatrix(matrix + np.tril(matrix, -1).T)
+            matrix.T[np.triu_indices(rows, header.mirrored < 0)] = table[:, 0]
+            return ImportedMatrix(matrix + header.mirrored * np.tril(matrix, -1).T)
         ends = entry_indices(path, table[:, :2])
-        return ImportedMatrix(assembled(path, ends, table[:, 2], header.shape, mirror=header.symmetric))
+        return ImportedMatrix(assembled(path, ends, table[:, 2], header.shape, mirror=header.mirrored))
 
 
 def _by_scipy(path: Path, header: _MatrixMarketHeader) -> Matrix | None:
@@ -78,10 +84,9 @@ def _by_scipy(path: Path, header: _MatrixMarketHeader) -> Matrix | None:
     from scipy.sparse import coo_array
 
     # As real numbers, whatever the header says: of integers SciPy would read 1.5 as 1.
-    symmetry = "symmetric" if header.symmetric else "general"
     sizes = f"{header.shape[0]} {header.shape[1]} {header.entries}"
     checked = io.BytesIO()  # one copy of the file in memory
-    start = checked.write(f"%%MatrixMarket matrix coordinate real {symmetry}\n{sizes}\n".encode())
+    start = checked.write(f"%%MatrixMarket matrix coordinate real {header.symmetry}\n{sizes}\n".encode())
     with path.open("rb") as lines:
         for _ in range(header.lines):
             lines.readline()
@@ -120,14 +125,14 @@ def _matrix_market_header(path: Path) -> _MatrixMarketHeader:
     ):
         raise FileError(f"{path}:{number}: the sizes of the matrix belong here, not {line.strip()[:40]!r}")
     rows, columns, *count = (int(size) for size in sizes)
-    symmetric = symmetry == "symmetric"
-    if symmetric and rows != columns:
-        raise FileError(f"{path}:{number}: a symmetric matrix is square, not {rows} x {columns}")
+    mirrored = _SYMMETRIES[symmetry]
+    if mirrored and rows != columns:
+        raise FileError(f"{path}:{number}: a {symmetry} matrix is square, not {rows} x {columns}")
     if layout == "array":
         check_claim(path, (rows, columns))
-    entries = count[0] if count else rows * (rows + 1) // 2 if symmetric else rows * columns
+    entries = count[0] if count else rows * (rows + mirrored) // 2 if mirrored else rows * columns
     check_backed(path, max(rows, columns), entries, 6 if count else 2)
-    return _MatrixMarketHeader(layout, symmetric, (rows, columns), entries, number)
+    return _MatrixMarketHeader(layout, symmetry, (rows, columns), entries, number)
 
 
 _COMMENTS = ("*", "#", "%")
@@ -262,9 +267,12 @@ def entry_indices(path: Path, table: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def assembled(
-    path: Path, ends: NDArray[np.int64], values: NDArray[np.float64], shape: tuple[int, int], *, mirror: bool
+    path: Path, ends: NDArray[np.int64], values: NDArray[np.float64], shape: tuple[int, int], *, mirror: int
 ) -> Matrix:
-    """Return the sparse matrix of triplets, rows and columns from 1; with `mirror` both triangles."""
+    """Return the sparse matrix of triplets, rows and columns from 1.
+
+    With `mirror` the triangle that is not stored is the other one times this factor.
+    """
     from scipy.sparse import coo_array  # heavy import, needed here only
 
     if ends.size and (ends.min() < 1 or np.any(ends.max(axis=0) > shape)):
@@ -279,6 +287,6 @@ def assembled(
     if mirror:
         off = rows != columns
         rows, columns = np.concatenate([rows, columns[off]]), np.concatenate([columns, rows[off]])
-        values = np.concatenate([values, values[off]])
+        values = np.concatenate([values, mirror * values[off]])
     matrix: Matrix = coo_array((values, (rows, columns)), shape=shape).tocsc()
     return matrix

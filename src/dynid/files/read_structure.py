@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Real
 from dynid.defaults import DENSE_STRUCTURES
@@ -39,7 +40,7 @@ from dynid.structure.matrices import (
     nothing,
     triplets,
 )
-from dynid.structure.model import StructuralModel
+from dynid.structure.model import Rotor, StructuralModel
 from dynid.structure.recovery import recovered
 
 
@@ -60,6 +61,9 @@ def imported(
     parameters: Iterable[Parameter] = (),
     nodes: Path | None = None,
     structural: Sequence[MatrixPart] = (),
+    gyroscopic: Sequence[MatrixPart] = (),
+    circulatory: Sequence[MatrixPart] = (),
+    speed: float = 0.0,
 ) -> StructuralModel:
     """Return the structure of matrices in files, each the sum of parts; damping may be made from the others.
 
@@ -67,10 +71,12 @@ def imported(
     order: DOFs that a matrix does not name have none of it. Labels are by default those of the files, else 1
     … n; a file of nodes also gives labels ``NODE:DIR`` where no others are known. Factors and damping may
     depend on the parameters. The imaginary part of a complex stiffness is structural damping, unless
-    `structural` has its parts. The `names` of a `FileError` start with the matrix concerned (``mass``,
+    `structural` has its parts. `gyroscopic`, which is multiplied by the `speed` of rotation (rad/s), and
+    `circulatory` are skew-symmetric. The `names` of a `FileError` start with the matrix concerned (``mass``,
     ``stiffness``, …); `UsageError` if the matrices are not those of a structure.
     """
     roles = {"mass": mass, "damping": damping, "stiffness": stiffness, "structural": structural}
+    roles |= {"gyroscopic": gyroscopic, "circulatory": circulatory}
     files: dict[Key, MatrixPart] = {}
     for role, source in roles.items():
         terms = [MatrixPart(source)] if isinstance(source, MatrixFile) else source
@@ -78,7 +84,7 @@ def imported(
             (role, index): term for index, term in enumerate(terms if isinstance(terms, Sequence) else ())
         }
     parts = {}
-    for key in sorted(files, key=lambda key: [*_LETTERS].index(key[0])):
+    for key in sorted(files, key=lambda key: _ROLES.index(key[0])):
         try:
             part = read_matrix(files[key].file, key[0], loss=key[0] == "stiffness")
         except FileError as error:
@@ -119,10 +125,40 @@ def imported(
             raise FileError(error.problem, remedy=error.remedy, names=("nodes", *error.names)) from None
         names, known_nodes = assigned(M.reference, K.reference, names, file)
     law = damping if isinstance(damping, ProportionalDamping | ModalDamping) else None
-    return damped_structure(M, C, K, law, joints, names, parameters, known_nodes, H=H if lossy else None)
+    model = damped_structure(M, C, K, law, joints, names, parameters, known_nodes, H=H if lossy else None)
+    if not (gyroscopic or circulatory):
+        return model
+    G, N = (_skew(role, files, matrices, n) for role in _ROLES[4:])
+    return model.rotating(Rotor(G, N, speed))
 
 
 _LETTERS = {"mass": "M", "stiffness": "K", "damping": "C", "structural": "H"}
+_ROLES = (*_LETTERS, "gyroscopic", "circulatory")
+# Relative difference from a skew-symmetric matrix that is rounding of a file.
+_SKEW = 1e-9
+
+
+def _skew(
+    role: str, files: Mapping[Key, MatrixPart], matrices: Mapping[Key, Matrix], n: int
+) -> NDArray[np.float64]:
+    """Return the sum of the parts of a skew-symmetric matrix (n x n)."""
+    total = np.zeros((n, n))
+    for key, matrix in matrices.items():
+        if key[0] == role:
+            part = as_array(matrix)
+            if part.shape != (n, n):
+                raise UsageError(f"the {role} matrix is not {n} x {n}", names=(role,))
+            total += float(files[key].factor) * part
+    excess = np.abs(total + total.T)
+    if not np.all(excess <= _SKEW * np.abs(total).max(initial=0.0)):  # also where it is no number
+        i, j = np.unravel_index(int(np.argmax(np.nan_to_num(excess, nan=np.inf))), excess.shape)
+        raise UsageError(
+            f"the {role} matrix is not skew-symmetric: entry ({i + 1}, {j + 1}) is {total[i, j]:.6g}, "
+            f"({j + 1}, {i + 1}) is {total[j, i]:.6g}",
+            remedy="Its symmetric part belongs to the damping or the stiffness.",
+            names=(role,),
+        )
+    return np.asarray((total - total.T) / 2)
 
 
 def _sum(role: str, parts: Sequence[tuple[Real, Matrix]], n: int, dense: bool) -> DependentMatrix:
@@ -157,7 +193,7 @@ Key: TypeAlias = tuple[str, int]
 
 def _aligned(parts: Mapping[Key, ImportedMatrix]) -> tuple[tuple[Label, ...], dict[Key, Matrix]]:
     """Bring matrices into one order and size; return the labels, if the files have any."""
-    roles = sorted(parts, key=lambda key: ["stiffness", "mass", "damping", "structural"].index(key[0]))
+    roles = sorted(parts, key=lambda key: ["stiffness", "mass", *_ROLES[2:]].index(key[0]))
     order = list(dict.fromkeys(label for key in roles for label in parts[key].labels))
     places = {label: index for index, label in enumerate(order)}
     n = max([len(order), *(matrix_read.matrix.shape[0] for matrix_read in parts.values())])

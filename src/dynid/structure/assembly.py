@@ -301,6 +301,7 @@ def assembled_parts(
     terms: list[Term] = []
     modal: list[ModalPart] = []
     for model, start in zip(parts.values(), starts.tolist(), strict=True):
+        model.needs_symmetric()
         for letter in "MCKH":
             if getattr(model, letter) is None:
                 continue

@@ -50,7 +50,7 @@ _INDEPENDENT = 1e-9
 _NOWHERE: Array = np.zeros(0)
 
 
-class _FrequencyResponse(NamedTuple):
+class FrequencyResponse(NamedTuple):
     """A response (omega x output x input) and how it was found.
 
     `method` is direct or modal; `modes` is how many are kept, 0 of a direct solution, `vectors` the number of
@@ -80,7 +80,7 @@ def frequency_response_functions(
     method: str = "auto",
     accuracy: float = 1e-8,
     backend: str = "auto",
-) -> _FrequencyResponse:
+) -> FrequencyResponse:
     """Compute frequency response functions.
 
     `M`, `C`, `K`: mass, damping and stiffness (n x n), dense or sparse; a complex stiffness is that with
@@ -104,7 +104,7 @@ def frequency_response_functions(
         large = is_sparse(K) and K.shape[0] > _DENSE
         method = "modal" if large and len(w) > FEW_FREQUENCIES.value and accuracy >= 1e-10 else "direct"
     if method == "direct":
-        response = _FrequencyResponse(direct(M, C, K, ports, w), method, 0, 0, 0.0)
+        response = FrequencyResponse(direct(M, C, K, ports, w), method, 0, 0, 0.0)
         if is_sparse(K) and K.shape[0] > _DENSE:
             return response
         near = _NOWHERE
@@ -160,7 +160,7 @@ def _solved(M: Matrix, C: Matrix, K: Matrix, forces: Array, omega: float) -> Arr
 
 def _by_modes(
     M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array, accuracy: float, backend: str = "auto"
-) -> _FrequencyResponse:
+) -> FrequencyResponse:
     """Compute the response of the modes of the band with residual vectors."""
     from scipy.sparse import csc_array
 
@@ -206,7 +206,7 @@ def _by_modes(
     def evaluate(others: Array) -> ComplexArray:
         return _projected(M, C, K, ports, others, pencil, basis)
 
-    return _FrequencyResponse(response, "modal", len(near), vectors, error, evaluate, near)
+    return FrequencyResponse(response, "modal", len(near), vectors, error, evaluate, near)
 
 
 def _elastic(K: Matrix) -> Matrix:

@@ -135,8 +135,15 @@ def modal_analysis(
         is missing, proved by signs of pivots. With structural damping also `loss_factor`, the ratio of
         ``phi^T H phi`` and ``phi^T K phi``, whose damping ratio is part of `damping`; and
         ``structure/complex_modes/{mode, pole, omega, loss_factor, damping, dof, shape}``: the poles, 1/s, of
-        the structure with all of its damping, in the order of their sizes, and their complex shapes.
+        the structure with all of its damping, in the order of their sizes, and their complex shapes. Of a
+        rotor these alone, with their `whirl`.
     """
+    if model.rotor is not None:
+        from dynid.structure.rotors import add_whirl_modes
+
+        result = Result("structure")
+        add_whirl_modes(result, model, values, count, below)
+        return result
     M, C, K = model.with_joints(values)
     lowest = modes(M, C, K, count, below)
     complete = lowest if count is None else _beyond_rigid((M, C, K), lowest)

@@ -45,6 +45,14 @@ class Term(NamedTuple):
     matrix: Matrix  # a constant matrix (n x n)
 
 
+class Rotor(NamedTuple):
+    """What rotation adds: ``speed G`` to the damping and N to the stiffness, both skew-symmetric (n x n)."""
+
+    G: Array  # gyroscopic matrix, kg or kg·m2
+    N: Array  # circulatory stiffness
+    speed: float  # of rotation, rad/s
+
+
 @dataclass(frozen=True, eq=False)
 class Basis:
     """Basis of a reduced model: ``x = T q``.
@@ -98,6 +106,9 @@ class StructuralModel(NamedDofs):
         frequencies; None without any.
     viscous_at
         The frequency, rad/s, at which dampers stand for the loss factors of joints; default: none do.
+    rotor
+        Gyroscopic and circulatory matrices, which only modes, frequency responses and what is identified
+        from these know; default: none.
 
     Raises
     ------
@@ -119,6 +130,7 @@ class StructuralModel(NamedDofs):
     translations: bool = False
     H: Matrix | None = None
     viscous_at: float | None = None
+    rotor: Rotor | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", self._viscous(self.joints))
@@ -159,6 +171,7 @@ class StructuralModel(NamedDofs):
 
     def mapped(self, change: Callable[[Any], Any]) -> dict[str, Any]:
         """Return the matrices and the terms of these after a linear change of each matrix."""
+        self.needs_symmetric()
         terms = tuple(term._replace(matrix=change(term.matrix)) for term in self.terms)
         H = None if self.H is None else change(self.H)
         return {"M": change(self.M), "C": change(self.C), "K": change(self.K), "H": H, "terms": terms}
@@ -181,6 +194,7 @@ class StructuralModel(NamedDofs):
         `T`: the basis (size x n); `dofs`: labels of the coordinates (n): of kept DOFs their own, of others
         any; `rigid`: as of `Basis`.
         """
+        self.needs_symmetric()
         M, C, K = (congruent(T, matrix) for matrix in (self.M, self.C, self.K))
         H = None if self.H is None else congruent(T, self.H)
         terms = tuple(term._replace(matrix=_projected_pattern(term, T, rigid)) for term in self.terms)
@@ -278,6 +292,23 @@ class StructuralModel(NamedDofs):
 
             raise not_positive()
 
+    def needs_symmetric(self) -> None:
+        """Refuse gyroscopic and circulatory matrices.
+
+        Raises UsageError.
+        """
+        if self.rotor is not None:
+            raise UsageError(
+                "gyroscopic and circulatory matrices are for modes, frequency responses, Campbell diagrams "
+                "and identifications from frequency responses; this needs symmetric matrices",
+                remedy="Leave 'gyroscopic' and 'circulatory' out, or what needs symmetric matrices.",
+                names=("structure.matrices.gyroscopic", "structure.matrices.circulatory", "structure"),
+            )
+
+    def rotating(self, rotor: Rotor | None) -> StructuralModel:
+        """Return the model with these gyroscopic and circulatory matrices, or without any."""
+        return self._copied(rotor=rotor)
+
     @property
     def hysteretic(self) -> bool:
         """True with structural damping, known or unknown, which holds at positive frequencies only."""
@@ -300,15 +331,18 @@ class StructuralModel(NamedDofs):
 
     @guarded("the sum of mass, stiffness or damping at a DOF", UsageError)
     def with_joints(
-        self, values: Mapping[str, float] | None = None, *, loss: bool = False
+        self, values: Mapping[str, float] | None = None, *, loss: bool = False, rotating: bool = False
     ) -> tuple[Matrix, Matrix, Matrix]:
         """Return mass, damping and stiffness with the joints: M + M_s, C + C_s and K + K_s (Yang, eq 1).
 
         `values`: the parameters by name. Those that are not joints' own (``<joint>.k``, ``<joint>.c``) have
         their reference values where they are absent; `loss`: True for the complex stiffness K + i H of a
-        structure with structural damping. Raises UsageError if an unknown parameter of a joint has no value,
+        structure with structural damping; `rotating`: True where unsymmetric matrices of a rotor are known.
+        Raises UsageError if an unknown parameter of a joint has no value,
         or a name is no parameter.
         """
+        if not rotating:
+            self.needs_symmetric()
         parameter_values = dict(values or {})
         unknown = parameter_values.keys() - self.names - {parameter.name for parameter in self.parameters}
         if unknown:
@@ -337,6 +371,9 @@ class StructuralModel(NamedDofs):
                     sums[key] = sums[key] + self._pattern(joint, tangent, letter)
         if loss and sums["H"] is not None:
             sums["K"] = sums["K"] + 1j * sums["H"]
+        if self.rotor is not None:
+            sums["C"] = sums["C"] + self.rotor.speed * self.rotor.G
+            sums["K"] = sums["K"] + self.rotor.N
         return sums["M"], sums["C"], sums["K"]
 
     def with_known_joints(self) -> tuple[Matrix, Matrix, Matrix]:
@@ -412,7 +449,7 @@ class StructuralModel(NamedDofs):
         return csc_array(matrix)
 
     def dense(
-        self, values: Mapping[str, float] | None = None, *, loss: bool = False
+        self, values: Mapping[str, float] | None = None, *, loss: bool = False, rotating: bool = False
     ) -> tuple[Array, Array, Array]:
         """Return the matrices of `with_joints` as arrays.
 
@@ -423,7 +460,7 @@ class StructuralModel(NamedDofs):
                 f"the structure has {self.size} DOFs, more than the {_MOST_DENSE} that this analysis takes",
                 remedy="Reduce it first.",
             )
-        M, C, K = self.with_joints(values, loss=loss)
+        M, C, K = self.with_joints(values, loss=loss, rotating=rotating)
         return as_array(M), as_array(C), as_array(K)
 
     def with_parameters(self, parameters: Iterable[Parameter]) -> StructuralModel:

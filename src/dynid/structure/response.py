@@ -49,9 +49,14 @@ def frequency_response(
     where = ports(model, inputs, outputs)
     w = np.atleast_1d(np.asarray(omega, dtype=float))
     model.needs_positive(w)
-    response = frequency_response_functions(
-        *model.with_joints(values, loss=True), where, w, method=method, accuracy=accuracy
-    )
+    if model.rotor is not None:
+        from dynid.structure.rotors import rotor_response
+
+        response = rotor_response(model, where, w, values)
+    else:
+        response = frequency_response_functions(
+            *model.with_joints(values, loss=True), where, w, method=method, accuracy=accuracy
+        )
     result = Result("structure")
     group = "structure/frequency_response"
     result.add_axis(f"{group}/omega", w, "rad/s")

@@ -56,7 +56,7 @@ def _known_terms(model: StructuralModel, channels: Sequence[Any]) -> Iterator[Te
 def _known(model: StructuralModel, letter: str) -> Matrix:
     """Return the part of a matrix that depends on no parameter, known joints included."""
     none = {joint_unknown.name: 0.0 for joint_unknown in model.joint_unknowns}
-    total: Any = model.with_known_joints()["MCK".index(letter)]
+    total: Any = model.rotating(None).with_known_joints()["MCK".index(letter)]
     for term in (*model.terms, *model.joint_terms):
         if term.letter == letter:
             total = total - term.coefficient.at(none).value * term.matrix
@@ -96,7 +96,7 @@ def _springs(model: StructuralModel, K: Array) -> list[tuple[str, Matrix]] | Non
 
 def _sensors(model: StructuralModel, channels: Sequence[Any]) -> list[tuple[str, Matrix]]:
     """Return the masses that move with the DOFs of sensors, which those of the sensors add to."""
-    M, masses = as_array(model.with_known_joints()[0]), dict[str, Matrix]()
+    M, masses = as_array(model.rotating(None).with_known_joints()[0]), dict[str, Matrix]()
     for channel in channels:
         if not isinstance(channel, Channel) or model.kind(channel.dof) == "rotation":
             continue

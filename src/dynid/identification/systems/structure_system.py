@@ -143,6 +143,7 @@ class StructureSystem(LinearSystem):
         """The matrices where every unknown is the factor of a stiffness or damping; else None."""
         if (
             self.model.hysteretic  # it has no state equations
+            or self.model.rotor is not None
             or not self.model.affine
             or not all(unknown.logarithmic for unknown in self.unknowns)
         ):
@@ -194,7 +195,7 @@ class StructureSystem(LinearSystem):
 
     def poles(self, values: Mapping[str, float]) -> ComplexArray:
         """Return the poles at values of the parameters, 1/s; with structural damping and their conjugates."""
-        M, C, K = self.model.dense(values, loss=True)
+        M, C, K = self.model.dense(values, loss=True, rotating=True)
         n = len(M)
         A = np.zeros((2 * n, 2 * n), dtype=K.dtype)
         A[:n, n:] = np.eye(n)
@@ -239,10 +240,11 @@ class StructureSystem(LinearSystem):
         self, values: Mapping[str, float], omega: Array, pairs: Pairs, *, slopes: bool
     ) -> Responses:
         """Return the responses and derivatives of `paired_response` from solutions with all DOFs."""
-        M, C, K = self.model.dense(values, loss=True)
+        M, C, K = self.model.dense(values, loss=True, rotating=True)
         ends, where = self._ends(pairs)
         n = len(M)
-        solved = second_order_response(M, C, K, ends.T, np.eye(n), np.zeros(n, dtype=int), omega)
+        motions = ends.T, np.eye(n), np.zeros(n, dtype=int), omega
+        solved = second_order_response(M, C, K, *motions)
         infinite = ~np.isfinite(solved).all(axis=(1, 2))
         if infinite.any():
             raise Singular(
@@ -255,7 +257,8 @@ class StructureSystem(LinearSystem):
         H = factor * np.einsum("cn,lnc->lc", ends[where[1]], solved[:, :, where[0]])
         if not slopes:
             return H, np.zeros((*H.shape, 0), dtype=complex)
-        return H, self._moved(values, omega, factor, (solved, where))
+        read = solved if self.model.rotor is None else second_order_response(M, C.T, K.T, *motions)
+        return H, self._moved(values, omega, factor, (solved, where), read=read)
 
     def _ends(self, pairs: Pairs) -> tuple[Array, NDArray[np.intp]]:
         """Return the distinct directions (e x n), and the places of each pair's force and read-out there."""
@@ -275,12 +278,14 @@ class StructureSystem(LinearSystem):
         factor: ComplexArray,
         motions: tuple[ComplexArray, NDArray[np.intp]],
         within: Callable[[Array], Array] = lambda matrix: matrix,
+        read: ComplexArray | None = None,
     ) -> ComplexArray:
         """Return the derivatives of responses (L x pairs x p) by the values of the parameters."""
         # `motions`: those by forces in some directions, in some coordinates (L x a x e), and the places of
         # each pair's force and read-out among the directions; `within` returns a matrix in these
-        # coordinates.
-        motion, (force, read) = motions
+        # coordinates; `read`: the motions of the transposed system; default: those of a symmetric one.
+        motion, (force, end) = motions
+        adjoint = motion if read is None else read
         forces, of_pair = np.unique(force, return_inverse=True)
         moved = np.zeros((*factor.shape, len(self.unknowns)), dtype=complex)
         powers = {"K": np.ones(len(omega)), "C": 1j * omega, "M": -(omega**2), "H": np.full(len(omega), 1j)}
@@ -292,7 +297,7 @@ class StructureSystem(LinearSystem):
                 bent = np.tensordot(
                     active_motion[:, :, forces], change[np.ix_(here, here)], (1, 0)
                 )  # L x forces x here
-                products = np.einsum("lhp,lph->lp", active_motion[:, :, read], bent[:, of_pair])
+                products = np.einsum("lhp,lph->lp", adjoint[:, here][:, :, end], bent[:, of_pair])
                 moved[..., k] -= factor * powers[letter][:, None] * products
         return moved
 
@@ -311,7 +316,8 @@ class StructureSystem(LinearSystem):
         key = omega.tobytes(), tuple(pairs)
         if self._lines is None or self._lines[0] != key:
             unknown_names, lines = {unknown.name for unknown in self.unknowns}, None
-            if all(unknown_names.isdisjoint(part.names) for part in self.model.modal):
+            symmetric = self.model.rotor is None
+            if symmetric and all(unknown_names.isdisjoint(part.names) for part in self.model.modal):
                 matrices = self.model.dense(_references(self.model), loss=True)
                 acting = self._acting((*self.model.joint_terms, *self.model.terms))
                 if any(matrix.any() for matrix in acting):

@@ -107,7 +107,11 @@ _NEEDS: dict[str, tuple[str, str]] = {
         "'harmonic_balance' needs the block 'harmonic_balance' in 'responses'",
     ),
     "structure/damping": ("equivalent", "'damping' comes with its 'equivalent'"),
-    "structure/complex_modes": ("loss factors", "'complex_modes' come with loss factors 'eta'"),
+    "structure/complex_modes": (
+        "loss factors",
+        "'complex_modes' come with loss factors 'eta', or a 'gyroscopic' matrix",
+    ),
+    "structure/campbell": ("analysis.campbell", _BLOCK.format(group="campbell", key="campbell")),
     "identification/nonlinearity": (
         "linear joints in time",
         "'nonlinearity' is of linear joints and records of time",

@@ -7,7 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from dynid.errors import DynidError, Fault
+import numpy as np
+
+from dynid.errors import DynidError, Fault, UsageError
 from dynid.identification.records.measurement import Experiment
 from dynid.model_scope import wants_scope
 from dynid.progress import report_progress
@@ -27,7 +29,7 @@ from dynid.scene.kinds.scope import add_geometry, add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
 from dynid.scene.kinds.structures import add_doubts, idle_masses
 from dynid.scene.load import Scene
-from dynid.scene.schema.identification import IdentificationScene, ResponseModes
+from dynid.scene.schema.identification import CampbellModel, IdentificationScene, ResponseModes
 from dynid.scene.schema.reduction import ReductionModel
 from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.structure.model import StructuralModel
@@ -369,6 +371,9 @@ def responses(
 
         report_progress("modes")
         result.merge(modal_analysis(structure, *which_modes(requested.modes), values))
+    if requested.campbell is not None:
+        report_progress("Campbell diagram")
+        _add_campbell(result, requested.campbell, structure, values)
     if requested.frequency is not None:
         forces = (signal for signal in model.excitation if signal.motion is None)
         driven = [force.dof for force in forces if force.dof is not None]
@@ -413,6 +418,23 @@ def steady_states(
     except DynidError as error:
         error.names = (*error.names, "responses.harmonic_balance")
         raise
+
+
+def _add_campbell(
+    result: Result, asked: CampbellModel, structure: StructuralModel, values: Mapping[str, float]
+) -> None:
+    """Add the Campbell diagram of a rotor."""
+    from dynid.structure.rotors import add_campbell
+
+    if structure.rotor is None:
+        raise UsageError(
+            "a Campbell diagram is of a rotor, whose gyroscopic moments grow with its speed",
+            remedy="Give the 'matrices' of the structure a 'gyroscopic' one and a 'speed'.",
+            names=("analysis.campbell",),
+        )
+    factor = angular_factor(asked.unit)
+    ends = factor * float(asked.start or 0), factor * float(asked.stop)
+    add_campbell(result, structure, np.linspace(*ends, asked.points), values, asked.modes)
 
 
 def time_question(

@@ -237,7 +237,8 @@ LAYOUT: dict[str, str] = {
     "structure/modes": (
         "mode omega uncertainty undecided damping loss_factor name dof shape rigid counted doubt massless"
     ),
-    "structure/complex_modes": "mode pole omega loss_factor damping dof shape",
+    "structure/complex_modes": "mode pole omega loss_factor damping whirl dof shape",
+    "structure/campbell": "speed mode omega damping whirl",
     "structure/frequency_response": f"{_RESPONSE} method modes error note",
     "structure/frequency_peaks": _PEAKS,
     "structure/time_response": _TIME_RESPONSE,

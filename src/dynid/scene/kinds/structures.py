@@ -411,7 +411,16 @@ def _matrices(folder: Path, model: MatricesModel, parameters: Sequence[Parameter
     assert model.stiffness is not None
     mass, stiffness = files(model.mass), files(model.stiffness)
     return imported(
-        mass, stiffness, damping, labels=labels, parameters=parameters, nodes=nodes, structural=structural
+        mass,
+        stiffness,
+        damping,
+        labels=labels,
+        parameters=parameters,
+        nodes=nodes,
+        structural=structural,
+        gyroscopic=files(model.gyroscopic or []),
+        circulatory=files(model.circulatory or []),
+        speed=float(model.speed or 0.0),
     )
 
 

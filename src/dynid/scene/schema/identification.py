@@ -122,6 +122,22 @@ class ResponseModes(Section):
     unit: Literal["rad/s", "Hz"] = "rad/s"
 
 
+class CampbellModel(Section):
+    """Speeds of rotation, and the number of modes that are followed over them."""
+
+    start: NotNegative | None = None
+    stop: Positive
+    points: int = Field(default=51, ge=2, le=10_000, strict=True)
+    modes: int = Field(default=4, ge=1, le=1000, strict=True)
+    unit: Literal["rad/s", "Hz"] = "rad/s"
+
+    @model_validator(mode="after")
+    def _is_a_range(self) -> Self:
+        if float(self.stop) <= float(self.start or 0):
+            raise fault("'stop' is not above 'start'")
+        return self
+
+
 class ResponseModel(Section):
     """Linear responses of the structure with its joints."""
 
@@ -130,11 +146,12 @@ class ResponseModel(Section):
     frequency: FrequencyGrid | None = None
     time: TimeGrid | None = None
     modes: ResponseModes | None = None
+    campbell: CampbellModel | None = None
 
     @model_validator(mode="after")
     def _asks_something(self) -> Self:
-        if self.frequency is None and self.time is None and self.modes is None:
-            raise fault("an analysis needs a 'frequency', a 'time' or a 'modes' block")
+        if not {"frequency", "time", "modes", "campbell"} & self.model_fields_set:
+            raise fault("an analysis needs a 'frequency', a 'time', a 'modes' or a 'campbell' block")
         return self
 
 

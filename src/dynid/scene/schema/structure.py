@@ -446,6 +446,9 @@ class MatricesModel(Section):
     stiffness: Parts | None = None
     damping: _DampingMatrix | None = None
     structural: Parts | None = None
+    gyroscopic: Parts | None = None
+    circulatory: Parts | None = None
+    speed: NotNegative | None = None
     labels: list[DofLabel] | FilePath | None = None
     nodes: FilePath | None = None
     model: FilePath | None = None
@@ -464,6 +467,12 @@ class MatricesModel(Section):
             raise fault("a 'state_space' holds mass, stiffness and damping; name no file of these")
         if self.state_space is not None and self.nodes is not None:
             raise fault("a 'state_space' has no 'nodes'; give 'labels'")
+        if (self.gyroscopic is None) != (self.speed is None):
+            raise fault("a 'gyroscopic' matrix goes with the 'speed' of rotation, rad/s, that multiplies it")
+        if not complete:
+            return self
+        if self.gyroscopic is not None or self.circulatory is not None:
+            raise fault("'gyroscopic' and 'circulatory' go with 'mass' and 'stiffness', one file each")
         return self
 
 
