@@ -15,12 +15,11 @@ kind: identification
 title: A disc
 structure:
   matrices:
-    {mass: M.txt, stiffness: K.txt, gyroscopic: {path: G.txt, factor: 2}, circulatory: N.txt, speed: 300,
-     labels: LABELS}
+    {mass: M.txt, stiffness: K.txt, gyroscopic: {path: G.txt, factor: 2}, circulatory: N.txt, speed: 300, labels: D}
 analysis:
   modes: {count: 3}
   campbell: {stop: 50, unit: Hz, points: 6, modes: 2}
-""".replace("LABELS", '["1:x", "1:y", "1:rx", "1:ry"]')
+""".replace("labels: D", "labels: " + '["1:x", "1:y", "1:rx", "1:ry"]')
 
 
 @pytest.fixture

@@ -27,9 +27,9 @@ MODES = "structure/complex_modes"
 CAMPBELL = "structure/campbell"
 # A limit of cost: eigenvalues of twice as many states take a minute.
 _MAX_DOFS = 1000
-# A pole below this part of the largest is a rigid-body motion, and one whose imaginary part is below that
-# part of it does not oscillate.
-_ZERO, _STILL = 1e-9, 1e-9
+# A pole below this part of the largest is a rigid-body motion, as a double pole at 0 moves by the root of
+# rounding; one whose imaginary part is below that part of it does not oscillate.
+_ZERO, _STILL = 1e-7, 1e-9
 # Two directions in which a shaft moves, in the sense of a rotation about the axis normal to them.
 _PLANES = (("x", "y"), ("y", "z"), ("z", "x"))
 # Squared motion of translations beside that of rotations, below which a disc tilts only.
