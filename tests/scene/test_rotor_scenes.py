@@ -15,7 +15,8 @@ kind: identification
 title: A disc
 structure:
   matrices:
-    {mass: M.txt, stiffness: K.txt, gyroscopic: {path: G.txt, factor: 2}, circulatory: N.txt, speed: 300, labels: D}
+    {mass: M.txt, stiffness: K.txt, gyroscopic: {path: G.txt, factor: 2}, circulatory: N.txt, speed: 300,
+      labels: D}
 analysis:
   modes: {count: 3}
   campbell: {stop: 50, unit: Hz, points: 6, modes: 2}
