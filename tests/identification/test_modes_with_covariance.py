@@ -187,3 +187,52 @@ def test_a_file_that_is_no_modal_analysis_is_refused(tmp_path):
         run(tmp_path, CHAIN + "measurement: {modes: {file: other.h5}}\n", "by_modes")
     with pytest.raises(FileError, match="has modes by their usual names"):
         run(tmp_path, CHAIN + "measurement: {modes: {file: {path: other.h5, frequency: f}}}\n", "by_modes")
+
+
+AMBIENT = """dynid: 1
+kind: modal-analysis
+measurement:
+  step: 0.01
+  samples: 12000
+  channels:
+    [{dof: 1, quantity: acceleration}, {dof: 3, quantity: acceleration}, {dof: 5, quantity: acceleration}]
+  file: {path: ambient.npy}
+band: {low: 2, high: 45, unit: Hz}
+"""
+
+
+def write_ambient(path, seed, step=0.01, samples=12000, settle=1000):
+    """Write accelerations of DOFs 1, 3 and 5 under white forces held in each step, with 5 % noise."""
+    from scipy.signal import lfilter
+
+    M, C, K = matrices()
+    random = np.random.default_rng(seed)
+    forces = random.standard_normal((samples + settle, 5))
+    A = np.block([[np.zeros((5, 5)), np.eye(5)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    poles, vectors = np.linalg.eig(A)
+    drive = np.linalg.solve(vectors, np.vstack([np.zeros((5, 5)), np.linalg.inv(M)]))
+    z = np.stack(
+        [
+            lfilter([0, (np.exp(pole * step) - 1) / pole], [1, -np.exp(pole * step)], forces @ row)
+            for pole, row in zip(poles, drive, strict=True)
+        ],
+        axis=1,
+    )
+    motion = (z * poles) @ vectors[5:].T
+    values = (motion.real + forces @ np.linalg.inv(M).T)[settle:, [0, 2, 4]]
+    np.save(path, values + 0.05 * values.std(axis=0) * random.standard_normal(values.shape))
+
+
+@pytest.mark.slow
+def test_modes_of_ambient_vibration_give_joints_with_covered_intervals(tmp_path):
+    """40 records: errors over standard errors, RMS and share within 1.96 (120 values)."""
+    joints, errors = CHAIN + "measurement: {modes: {file: ambient_modes.h5}}\n", []
+    for seed in range(40):
+        write_ambient(tmp_path / "ambient.npy", seed)
+        run(tmp_path, AMBIENT, "ambient_modes")
+        estimate, error = estimates(run(tmp_path, joints, "joints"))
+        errors.append((estimate - 1) / error)
+    z = np.array(errors)
+    print(f"RMS {np.sqrt(np.mean(z**2, axis=0))}, covered {100 * np.mean(np.abs(z) < 1.96):.1f} %")
+    assert np.mean(np.abs(z) < 1.96) > 0.88
+    assert np.all(np.abs(z.mean(axis=0)) < 0.6)
