@@ -47,14 +47,13 @@ class CycleForce(NamedTuple):
     """Force of a law over a cycle.
 
     `coefficients` (2 J + 1, J > H): of the force, also beyond the H harmonics of the deflection; `by_motion`
-    (2 H + 1 x 2 H + 1), `by_omega` (2 H + 1), `by_parameters` (2 H + 1 x parameters and offset): derivatives;
-    `hidden`: hidden state and regime at the beginning of a cycle.
+    (2 H + 1 x 2 H + 1), `by_omega` (2 H + 1): derivatives; `hidden`: hidden state and regime at the beginning
+    of a cycle.
     """
 
     coefficients: Array
     by_motion: Array
     by_omega: Array
-    by_parameters: Array
     hidden: tuple[float, int]
 
 
@@ -132,10 +131,8 @@ def _smooth(law: BoundLaw, q: Array, omega: float) -> CycleForce:
         return np.asarray((rows * slope) @ at)
 
     by_motion = projected(f.d, T) + projected(omega * np.asarray(f.v), D)
-    by_p = [rows @ np.broadcast_to(slope, samples) for slope in f.p]
     return CycleForce(
-        projection @ np.broadcast_to(f.value, samples), by_motion, rows @ (f.v * rate),
-        np.array(by_p).reshape(-1, len(q)).T, (0.0, 0),
+        projection @ np.broadcast_to(f.value, samples), by_motion, rows @ (f.v * rate), (0.0, 0),
     )  # fmt: skip
 
 
@@ -152,18 +149,18 @@ class _Segment(NamedTuple):
 class _Cycle:
     """A law followed over cycles of a deflection.
 
-    Columns are derivatives by the coefficients of the deflection, the frequency, the first hidden state, and
-    the parameters.
+    Columns are derivatives by the coefficients of the deflection, the frequency, and the first hidden state.
     """
 
     def __init__(self, law: BoundLaw, q: Array, omega: float) -> None:
         self.law, self.q, self.omega = law, q, omega
         self.harmonics = len(q) // 2
-        self.columns = len(q) + 2 + len(law.values) + 1
+        self.columns = len(q) + 2
         samples = max(128, _SCAN * self.harmonics)
         T, D, _ = _sampled(self.harmonics, samples)
         self.scan = np.linspace(0.0, 2 * np.pi, samples + 1)[1:]
-        self.d, self.v = (np.roll(x, -1) for x in (T @ q, omega * (D @ q)))
+        d, v = T @ q, omega * (D @ q)
+        self.d, self.v = (np.concatenate([x[1:], x[:1]]) for x in (d, v))
         self.size = float(np.abs(self.d).max())
         self._orders = np.arange(1, self.harmonics + 1)
         self._phasors = self._orders ** np.arange(3)[:, None] * (q[1::2] - 1j * q[2::2])
@@ -244,7 +241,7 @@ class _Cycle:
         first = int(np.searchsorted(self.scan, low + _EVENT_TOL))
         theta = np.concatenate([[low], self.scan[first:]])
         guards = self.law.guards(regime, self.d[first:], self.v[first:], z)
-        values = [np.broadcast_to(guard.function.value, len(theta) - 1) for guard in guards]
+        values = [_along(guard.function.value, len(theta) - 1) for guard in guards]
         high, ending = self._first_zero(theta, values, lambda _: z, regime)
         nodes = 16 + 8 * int(np.ceil((high - low) * (self.harmonics + 1) / 6))
         x, weights, _ = _clenshaw_curtis(nodes)
@@ -257,7 +254,7 @@ class _Cycle:
         panel = self._collocated(low, high, z, slopes, regime)
         of_d, of_v = self._motion(panel.theta)
         guards = self.law.guards(regime, of_d[1:], of_v[1:], panel.z[1:])
-        values = [np.broadcast_to(guard.function.value, len(panel.theta) - 1) for guard in guards]
+        values = [_along(guard.function.value, len(panel.theta) - 1) for guard in guards]
         series = _to_chebyshev(_PANEL_NODES) @ panel.z
 
         def hidden(theta: float) -> float:
@@ -338,8 +335,6 @@ class _Cycle:
         assert rate is not None
         of_d, of_v = self.rows(theta)
         source = _column(rate.d, of_d) + _column(rate.v, of_v)
-        for place, slope in enumerate(rate.p):
-            source[:, len(self.q) + 2 + place] += slope
         source[:, len(self.q)] -= rate.value / self.omega
         columns = np.linalg.solve(matrix, slopes + S @ source)
         return _Segment(theta, (high - low) * weights, state, columns, regime)
@@ -354,13 +349,10 @@ class _Cycle:
         guard = law.guards(regime, d, v, z)[number]
 
         def total(f: Slopes) -> Array:
-            out = f.d * of_d + f.v * of_v + f.z * slopes
-            for place, slope in enumerate(f.p):
-                out[len(self.q) + 2 + place] += slope
-            return np.asarray(out)
+            return np.asarray(f.d * of_d + f.v * of_v + f.z * slopes)
 
         def flow(which: int, state: float) -> float:
-            rate = law.rate(which, d, v, state)
+            rate = law.rate(which, d, v, state) if self.flows else None
             return 0.0 if rate is None else float(rate.value)
 
         before = flow(regime, z)
@@ -406,12 +398,10 @@ class _Cycle:
                     if len(segment.z) > 1
                     else np.outer(weighted @ np.broadcast_to(f.z, len(segment.theta)), segment.slopes[0])
                 )
-            for place, slope in enumerate(f.p):
-                slopes[:, size + 2 + place] += weighted @ np.broadcast_to(slope, len(segment.theta))
-        slopes[:, :size] += (rows[:size] * by_d) @ T[:, :size] + (rows[:size] * by_v) @ (
-            self.omega * D[:, :size]
-        )
-        slopes[:, size] += rows[:size] @ (by_v * v / self.omega)
+        slopes[:, :size] += (rows[:size] * by_d) @ T[:, :size]
+        if by_v.any():
+            slopes[:, :size] += (rows[:size] * by_v) @ (self.omega * D[:, :size])
+            slopes[:, size] += rows[:size] @ (by_v * v / self.omega)
         for theta, jump, shift in jumps:
             at = basis(np.full(1, theta), self.harmonics)[0][0] / np.pi
             at[0] /= 2
@@ -422,7 +412,11 @@ class _Cycle:
             slopes += np.outer(first_hidden, end / free)
             coefficients[:size] += first_hidden * (change / free)
             z += change / free
-        return CycleForce(coefficients, slopes[:, :size], slopes[:, size], slopes[:, size + 2 :], (z, regime))
+        return CycleForce(coefficients, slopes[:, :size], slopes[:, size], (z, regime))
+
+
+def _along(value: Array | float, length: int) -> Array:
+    return np.asarray(value) if np.ndim(value) else np.full(length, value)
 
 
 def _column(factor: Array | float, rows: Array) -> Array:
