@@ -25,6 +25,7 @@ SCENES = (
     "beam_frf",
     "table2",
     "slipping_bolt",
+    "duffing_beam",
 )
 
 
