@@ -1,5 +1,6 @@
 """Fits in decays that channels share: the fits of every channel by itself, and exact free responses."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 from scipy.linalg import expm
 
 from dynid.identification.likelihood import time_record
-from dynid.identification.systems import free_decays
+from dynid.identification.likelihood.shared_decays import fit_from
+from dynid.identification.systems import free_decays, prediction
 from dynid.parameters import starts
 from dynid.structure.ports import Channel
 from tests.identification.cases import suspension
@@ -39,7 +41,9 @@ def test_weighted_decays_are_the_free_response(sign, monkeypatch):
 
 @needs_library
 @pytest.mark.usefixtures("shared")
-def test_a_fit_in_shared_decays_is_that_of_each_channel(monkeypatch):
+@pytest.mark.parametrize("block", [1, 7, 150], ids="blocks of {} samples".format)
+def test_a_fit_in_shared_decays_is_that_of_each_channel(block, monkeypatch):
+    monkeypatch.setattr(prediction, "_LONGEST_RUN", block)
     record = fits_of(suspension(), CHANNELS, samples=150)
     eta, values = starts(record.unknowns) + 0.1, record.data.values
     noise = record.data.rms * np.linspace(0.5, 2, len(CHANNELS))
@@ -80,6 +84,22 @@ def test_channels_with_gaps_and_poles_that_coincide_share_none(monkeypatch):
     at = record.model.at(starts(record.unknowns))
     monkeypatch.setattr(type(record.model), "at", lambda *_: at._replace(A=defective))
     assert free_decays.free_decays(record.model, starts(record.unknowns)) is None
+
+
+@needs_library
+@pytest.mark.usefixtures("shared")
+def test_the_derivatives_of_a_long_record_are_never_held_at_once(monkeypatch):
+    monkeypatch.setattr(prediction, "_LONGEST_RUN", 500)
+    record = fits_of(suspension(), CHANNELS, samples=20_000)
+    eta, values = starts(record.unknowns), record.data.values
+    decays = record.decays(eta)
+    assert decays.factors[0].shape == (len(values), record.model.states)
+    tracemalloc.start()
+    fit_from(record.model, eta, decays, record.model.initial, values)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # Outputs, residuals, direct terms, states, blocks; all derivatives with a copy were twice the unknowns.
+    assert peak < (6 + len(eta) / 2) * values.nbytes
 
 
 def test_small_records_share_none():

@@ -204,7 +204,7 @@ def test_responses_are_derivatives_by_the_forces_at_zero():
     )
     unit = np.ones((2, 1, 2))
     forces = score._forces(score._motions(record.model, fit, ports) / unit)
-    columns = score._responses(record, fit, ports, forces)
+    columns = score._responses(record, fit, ports, forces, slice(None))
     for joint, (term, law) in enumerate([(4, lambda d, _: d**3), (5, lambda _, v: abs(v) * v)]):
         slope = motion(signal, law, joint, response=True)
         column = columns[:, :, joint, term]

@@ -71,6 +71,11 @@ def test_steps_of_an_attempt_are_extrapolated_to_those_of_a_run():
     assert forecast(reports(("the start", 1.0), *10 * [STEP])) == 21 + 30 * 2.0
 
 
+def test_blocks_of_samples_belong_to_their_step():
+    blocks = [("maximum likelihood, step 1", 0.5), *3 * [("sensitivities, block 1", 0.5)]]
+    assert forecast(reports(("the start", 1.0), *10 * blocks)) == 21 + 30 * 2.0
+
+
 def test_starts_are_ranked_before_a_search():
     ranked = [(f"start {k} of 256", 0.5) for k in range(1, 11)]
     assert forecast(reports(STEP, *ranked)) == 2 + 5 + 246 * 0.5 + 6 * 40 * 2.0

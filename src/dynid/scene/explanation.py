@@ -70,6 +70,8 @@ TRIAL_SECONDS = 5.0
 #: Steps of an attempt with those of its noise model, and attempts of a search.
 _STEPS, _ATTEMPTS = 40, 6
 _START, _STEP = re.compile(r"start (\d+) of (\d+)"), re.compile("maximum likelihood, step")
+# Reports within a step.
+_BLOCK = re.compile("sensitivities, block")
 
 
 class Report(NamedTuple):
@@ -147,6 +149,7 @@ def forecast(reports: Sequence[Report]) -> float:
     Starts of a search are ranked one after the other; each attempt then takes steps of maximum likelihood.
     """
     spent = reports[-1].at
+    reports = [*(report for report in reports[:-1] if not _BLOCK.match(report.what)), reports[-1]]
     durations = [after.at - before.at for before, after in pairwise(reports)]
     pairs = zip(reports, durations, strict=False)
     steps = [duration for report, duration in pairs if _STEP.match(report.what)]

@@ -7,7 +7,7 @@ Determination, 2004, ch. 6 (consider covariance analysis).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -19,6 +19,7 @@ from dynid.identification.least_squares import without_state
 from dynid.identification.likelihood.frf_record import FrfRecord
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood, weights
+from dynid.identification.likelihood.shared_decays import sensitive_blocks, shared_triangles
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.frf_measurement import stacked, unstacked
 from dynid.identification.systems.parametric_model import freed_coordinates, freed_model
@@ -151,27 +152,36 @@ def _of_record(record: TimeRecord, fit: RecordFit, noise: Array) -> _Calibration
     measured, channels = np.nan_to_num(record.data.recorded), len(record.data.rms)
     mixed = record.colour is not None and record.colour.mixing is not None
     columns += [measured * unit for unit in np.eye(channels)] if mixed else [measured]
-    influential, blocks = record.influential(fit), []
-    decays, start = record.decays(fit.eta), fit.predicted.start
-    beside = 0 if freed is None else 2 * len(freed.unknowns)
-    for block in record.channel_blocks(beside + len(columns), shared=decays is not None):
-        if decays is None:
-            predicted = record.predicted(fit, block)
-        else:
-            predicted = record.prediction_from(fit.eta, start, model, block, by_state=False)
-        parts = [predicted.by_parameter, *(column[:, block, None] for column in columns)]
+    influential, decays = record.influential(fit), record.decays(fit.eta)
+    if decays is not None and not np.isnan(influential).any():
+        # A freed model has the unknowns, too.
+        general, at, start = model, fit.eta, fit.predicted.start
+        order = list(range(p))
         if freed is not None:
-            other = record.with_model(freed)
-            moved = other.prediction_from(eta, start, model, block, by_state=False).by_parameter
-            parts.insert(1 + count, moved[..., places])
-        first, last, width = block.start, block.stop, block.stop - block.start if decays is None else 1
-        for c in range(first, last, width):
-            inner, outer = slice(c - first, c - first + width), slice(c, c + width)
-            both = np.concatenate([part[:, inner] for part in parts], axis=2)
-            by_state = predicted.by_state if decays is None else decays.by_state(c)[:, None]
-            blocks.append(record.triangles(influential[:, outer], by_state, both, outer)[0])
-    rows = np.concatenate(blocks)[..., :-1]
-    rows *= (record.data.rms / noise)[:, None, None]
+            general, at, start = freed, eta, start * (model.scale / freed.scale)
+            numbers = {unknown.name: k for k, unknown in enumerate(freed.unknowns)}
+            order = [numbers[unknown.name] for unknown in record.unknowns]
+
+        def blocks_of_samples() -> Iterator[tuple[NDArray[np.int64], Array]]:
+            for samples, _, _, moved in sensitive_blocks(general, at, start):
+                beside = [column[samples, None] for column in columns]
+                parts = [moved[:, order], *beside[:count], moved[:, places], *beside[count:]]
+                yield samples, np.concatenate(parts, axis=1)
+
+        rows = shared_triangles(decays, blocks_of_samples()) / noise[:, None, None]
+    else:
+        blocks = []
+        for block in record.channel_blocks((0 if freed is None else 2 * len(freed.unknowns)) + len(columns)):
+            predicted = record.predicted(fit, block)
+            parts = [predicted.by_parameter, *(column[:, block, None] for column in columns)]
+            if freed is not None:
+                other = record.with_model(freed)
+                start = fit.predicted.start
+                moved = other.prediction_from(eta, start, model, block, by_state=False).by_parameter
+                parts.insert(1 + count, moved[..., places])
+            both = np.concatenate(parts, axis=2)
+            blocks.append(record.triangles(influential[:, block], predicted.by_state, both, block)[0])
+        rows = np.concatenate(blocks)[..., :-1] * (record.data.rms / noise)[:, None, None]
     # The gain of a channel acts on the rows of that channel alone.
     gains = -rows[..., -channels:] if mixed else -rows[..., -1:] * np.eye(channels)[:, None, :]
     rows = np.concatenate([rows[..., : -channels if mixed else -1], gains], axis=2)

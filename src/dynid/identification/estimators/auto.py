@@ -270,8 +270,13 @@ class Auto:
     def _of_records(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
         """Estimate from records of time: a filter pass; segments, annealed passes and starts where needed."""
         search = Search(likelihood)
-        search.attempt("a filter pass", partial(_filtered, partial(run_passes, passes=1), likelihood, origin))
-        if not self.multi_start and not search.accepted:
+        first = likelihood.shortened(origin)
+        if first is not likelihood:  # a pass of the filter takes the time of many fits
+            search.attempt("the start", partial(guided, [first], origin))
+        if not search.accepted:
+            one_pass = partial(run_passes, passes=1)
+            search.attempt("a filter pass", partial(_filtered, one_pass, likelihood, origin))
+        if not (self.multi_start or search.accepted):
             search.attempt("the start", partial(guided, (), origin))
         if not self.multi_start or (search.accepted and not search.vague):
             return search.best()

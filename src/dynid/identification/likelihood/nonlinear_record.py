@@ -160,12 +160,6 @@ class NonlinearRecord(TimeRecord):
         n, start = self.model.states, fit.predicted.start
         return hidden_start(self.model, fit.eta, start[:n], start[n:])
 
-    def first(self, samples: int) -> Self:
-        """Return the likelihood of the first samples of the record."""
-        kept = slice(0, samples)
-        model = self.model.at_times(self.model.times[kept])
-        return replace(self, model=model, data=self.data.within(kept), recorded=None)
-
     def covering(self, eta: Array, *, narrowed: bool) -> Self:
         """Return the likelihood with steps that are short enough at coordinates `eta`; itself if they are.
 
@@ -344,16 +338,8 @@ def growing(likelihood: TimeLikelihood, parts: Sequence[int]) -> list[TimeLikeli
     out = []
     for divisor in parts:
         records = [
-            record.first(max(_fewest(record), len(record.times) // divisor))
-            if isinstance(record, NonlinearRecord)
-            else record
+            record.first_part(divisor) if isinstance(record, NonlinearRecord) else record
             for record in likelihood.records
         ]
         out.append(replace(likelihood, records=tuple(records), noiseless=None))
     return out
-
-
-def _fewest(record: NonlinearRecord) -> int:
-    """Return the fewest samples of a part: four times as many values as there are unknowns."""
-    unknowns = record.nuisances + record.model.parameters
-    return min(len(record.times), -(-4 * unknowns // len(record.data.rms)))

@@ -17,7 +17,7 @@ what the forces do not, the test is repeated beside it, whitened: large linear e
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array, ComplexArray
+from dynid.arrays import Array, ComplexArray, finite
 from dynid.defaults import LACK_OF_FIT, NONLINEAR
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit
@@ -54,6 +54,8 @@ _FORCES = len(TERMS) + len(_SLIPS)
 _EVEN = ("d2", "dv")
 # Most numbers of a record's columns: of a longer record the first samples are tested.
 _MAX_NUMBERS = 30_000_000
+# Most numbers of the responses of a block of channels: 96 MB.
+_MAX_HELD_NUMBERS = 12_000_000
 # Numbers of the states of the responses after which these are carried on: they do not fill the memory.
 _MAX_RESPONSE_NUMBERS = 400_000
 # Eigenvalues of products of unit columns below this part of the largest are linear dependence, to rounding.
@@ -160,10 +162,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
         width = p + record.model.states + len(names) * _FORCES + 1
         rows = min(len(shared), _MAX_NUMBERS // (len(record.data.rms) * width + _MAX_FREE_REGRESSORS))
         forces = _forces((motion / units)[:, :rows])
-        responses = _responses(record, record_fit, joints, forces).reshape(len(record.data.rms), rows, -1)
-        regressors.append((shared[:rows], responses))
-    if not all(np.isfinite(responses).all() for _, responses in regressors):
-        return None  # a prediction that grows beyond double precision says nothing
+        regressors.append((shared[:rows], _by_channel(record, record_fit, joints, forces)))
     coloured = not white or any(record.colour is not None for record, _, _ in tested)
     first, _ = test(free=False, coloured=coloured)
     if first.nonlinear_p > _FREED_LEVEL:
@@ -210,8 +209,29 @@ def _slider(d: Array, slip: float) -> Array:
     return np.clip(added, low, high)
 
 
-def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array) -> Array:
-    """Return the linear responses of the channels from rest (channels x times x joints x forces)."""
+def _by_channel(
+    record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array
+) -> Callable[[int], Array]:
+    """Return the responses of a channel (times x any) as a function of its number."""
+    width, held = max(1, _MAX_HELD_NUMBERS // forces.size), dict[int, Array]()
+
+    def of_channel(channel: int) -> Array:
+        number = channel // width
+        if number not in held:
+            held.clear()  # first: two blocks would take twice the memory
+            channels = slice(number * width, (number + 1) * width)
+            responses = _responses(record, fit, joints, forces, channels)
+            finite("the responses to forces at the joints", responses)  # of predictions that grow
+            held[number] = responses.reshape(len(responses), len(forces), -1)
+        return held[number][channel % width]
+
+    return of_channel
+
+
+def _responses(
+    record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array, channels: slice
+) -> Array:
+    """Return the linear responses of channels from rest (channels x times x joints x forces)."""
     model = record.model.moved(fit.eta)
     matrices, n, count = model.at(fit.eta), model.states, len(joints.names)
     # Forces are linear between samples: x' = A x + B (f + g t), f and g being states.
@@ -224,11 +244,12 @@ def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: A
     Phi, held, ramp = step[:n, :n], step[:n, n : n + count], step[:n, n + count :]
     gains = model.instruments.numbers(model.instruments.gains, named(record.unknowns, fit.eta)).value
     # The state less what the last ramp gave to it: Phi y + (held - ramp + Phi ramp) f.
-    direct, forced = gains[:, None] * joints.direct + matrices.C @ ramp, held - ramp + Phi @ ramp
+    C, forced = matrices.C[channels], held - ramp + Phi @ ramp
+    direct = (gains[:, None] * joints.direct)[channels] + C @ ramp
     responses = direct[:, None, :, None] * forces
 
     def add(states: Array, first: int, last: int) -> None:
-        outputs = matrices.C @ states.reshape(-1, n).T
+        outputs = C @ states.reshape(-1, n).T
         responses[:, first:last] += outputs.reshape(-1, last - first, count, _FORCES)
 
     state = -(forces[0, ..., None] * ramp.T[:, None]).reshape(-1, n)
@@ -241,10 +262,11 @@ def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: A
         add(states, first + 1, last + 1)
         state = states[-1]
     delays = model.instruments.numbers(model.instruments.delays, named(record.unknowns, fit.eta)).value
-    for c in np.flatnonzero(delays):  # between samples
+    for c in np.flatnonzero(delays[channels]):  # between samples
         times = h * np.arange(len(forces))
         late = [
-            np.interp(times - delays[c], times, column) for column in responses[c].reshape(len(forces), -1).T
+            np.interp(times - delays[channels][c], times, column)
+            for column in responses[c].reshape(len(forces), -1).T
         ]
         responses[c] = np.transpose(late).reshape(responses[c].shape)
     return responses
@@ -253,7 +275,7 @@ def _responses(record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: A
 def _columns(
     record: TimeRecord,
     fit: RecordFit,
-    responses: Array,
+    responses: Callable[[int], Array],
     shared: Array,
     variances: Array | None,
     *,
@@ -261,19 +283,19 @@ def _columns(
 ) -> _Columns:
     """Return what free linear directions and first states leave of derivatives, responses and residual.
 
-    `responses` (channels x samples x any): to the forces; `shared` (samples x any): regressors of any linear
-    structure; `variances`: those that channels are weighted by, default: what is left of them.
+    `responses`: of a channel to the forces (samples x any); `shared` (samples x any): regressors of any
+    linear structure; `variances`: those that channels are weighted by, default: what is left of them.
     `coloured`: the residuals are whitened.
     """
     p, n = record.model.parameters, record.model.states
-    rows, width = slice(0, responses.shape[1]), responses.shape[2]
+    rows, width = slice(0, len(shared)), responses(0).shape[1]
     there = ~np.isnan(fit.residual[rows])
     total, sizes = np.zeros((n + p + width + 1,) * 2), np.zeros(n + p + width + 1)
     squares, degrees, weights = np.zeros(width), 0.0, np.ones(len(record.data.rms))
     basis = _range(shared) if there.all() else None
     for c, predicted in record.channelwise(fit):
         rms, present = record.data.rms[c], there[:, c]
-        parts = predicted.by_state[rows, 0], predicted.by_parameter[rows, 0], responses[c]
+        parts = predicted.by_state[rows, 0], predicted.by_parameter[rows, 0], responses(c)
         own = np.column_stack([*parts, fit.residual[rows, c]])
         own[~present] = 0.0
         of_channel = shared if basis is None else shared * present[:, None]

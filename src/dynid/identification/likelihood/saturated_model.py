@@ -387,13 +387,17 @@ def delayed_residuals_by_line(residual: Array) -> Array:
     return np.column_stack([np.zeros((len(residual), 0)), *turned])
 
 
-def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: float) -> SaturatedCoordinates:
+def saturated_coordinates(
+    shared: Regressors, channel: ChannelColumns, count: float, *, state_in_range: bool = False
+) -> SaturatedCoordinates:
     """Return a channel in orthonormal directions of its saturated model, in the order of its regressors.
 
     `shared`: the regressors besides the scene's own (rows x d), 0 where a value is missing; `channel`: the
-    columns of the channel itself, alike. `count`: how many independent values it has.
+    columns of the channel itself, alike. `count`: how many independent values it has. `state_in_range`: True:
+    `by_state` has the products with all directions of regressors and decays, in which it is.
     """
-    sides = (channel.by_parameter.T, channel.by_state.T, channel.faults.T, channel.before.T)
+    by_state = () if state_in_range else (channel.by_state.T,)
+    sides = (channel.by_parameter.T, *by_state, channel.faults.T, channel.before.T)
     compared = channel.measured[None], channel.residual[None]
     columns = np.concatenate([channel.prediction[None], *sides, *compared])
     largest = np.abs(columns).max(axis=1, initial=0.0)
@@ -403,17 +407,22 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     p, n, max_rank = channel.by_parameter.shape[1], channel.by_state.shape[1], int(count) - 1
     directions, both = shared.directions
     places, size, basis = directions.first(max_rank)
-    if len(basis) < len(directions.places):  # more than there are values
-        both = np.concatenate([basis, both[len(directions.places) :]])
+    dropped = slice(len(basis), len(directions.places))  # more than there are values
+    both = np.delete(both, dropped, axis=0) if len(basis) < len(directions.places) else both
     inside = columns @ both.T
     # Derivatives by the state are in the range of those directions, but for rounding.
     columns -= inside @ both
     new = np.flatnonzero(np.linalg.norm(columns, axis=1) > _RANGE_ROUND_OFF)
     further = np.linalg.qr(columns[new].T, mode="r")
-    decays = len(both) - len(places)
-    beside = np.zeros((decays + len(further), len(columns)))
-    beside[:decays], beside[decays:, new] = inside[:, len(places) :].T, further
     norms *= largest
+    if state_in_range:
+        state = np.delete(channel.by_state, dropped, axis=0).T
+        sizes = np.linalg.norm(state, axis=1)
+        inside = np.insert(inside, 1 + p, state / np.where(sizes > 0, sizes, 1.0)[:, None], axis=0)
+        norms, new = np.insert(norms, 1 + p, sizes), new + np.where(new > p, n, 0)
+    decays = len(both) - len(places)
+    beside = np.zeros((decays + len(further), len(inside)))
+    beside[:decays], beside[decays:, new] = inside[:, len(places) :].T, further
     own = _directions(beside[:, : -len(compared)]).first(max_rank - len(places))
     R = np.concatenate([inside[:, : len(places)].T, own.vectors @ beside]) * norms
     labels = shared.labels_with(1 + p + n, channel.faults.shape[1], channel.before.shape[1])

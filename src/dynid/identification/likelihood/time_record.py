@@ -29,6 +29,7 @@ from dynid.identification.likelihood.saturated_model import (
     regressors_in_time,
     saturated_coordinates,
 )
+from dynid.identification.likelihood.shared_decays import first_state_rows, fit_from, sensitive
 from dynid.identification.records.measurement import Experiment, RecordData, Simulation
 from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
 from dynid.identification.residual_tests import spectrum
@@ -52,7 +53,7 @@ from dynid.parameters import rates, starts, values
 from dynid.structure.ports import Channel
 
 if TYPE_CHECKING:
-    from dynid.identification.systems.kernels import FirstState, Linear
+    from dynid.identification.systems.kernels import FirstState
 
 # The prior lets every channel be this many times larger than measured.
 _PRIOR_WIDTH = 10.0
@@ -66,6 +67,10 @@ _MAX_SHARED_NUMBERS = 8_000_000
 _MIN_RECORD_EVALUATIONS = 256
 # The exponential of a matrix and each of its derivatives take so many products of its size.
 _TRANSITION_WORK = 30
+# The first part of a large record, one in so many, from which an estimate begins.
+_FIRST_PART = 8
+# Fewest values of a part of a record for each unknown.
+_MIN_VALUES_PER_UNKNOWN = 4
 #: Rows of a history, at the most.
 MAX_STORED_ROWS = 100_000
 
@@ -110,6 +115,18 @@ class TimeRecord(RecordLikelihood):
         return replace(
             self, model=model, data=record.within(kept), left_out=samples, recorded=record, colour=None
         )
+
+    def first_part(self, divisor: int) -> Self:
+        """Return the likelihood of the first part of the record, one in so many, or a longer one."""
+        unknowns = self.nuisances + self.model.parameters
+        fewest = -(-_MIN_VALUES_PER_UNKNOWN * unknowns // len(self.data.rms))
+        return self.first(max(fewest, len(self.times) // divisor))
+
+    def first(self, samples: int) -> Self:
+        """Return the likelihood of the first samples of the record."""
+        kept = slice(0, samples)
+        model = self.model.at_times(self.model.times[kept])
+        return replace(self, model=model, data=self.data.within(kept), recorded=None)
 
     def covering(self, eta: Array, *, narrowed: bool) -> Self:
         """Return the likelihood of samples at which every input is known at coordinates `eta` (p).
@@ -207,7 +224,10 @@ class TimeRecord(RecordLikelihood):
         self.system_model.evaluations += 1
         predicted: Prediction | None = None
         if (decays := self.decays(eta)) is not None:
-            trajectory, residual, triangles, counts = self._fitted_by_decays(decays, eta, values, noise)
+            x0, _ = self._started(decays, eta, values, noise)
+            trajectory, residual, triangles = fit_from(model, eta, decays, x0, values)
+            triangles /= self.data.rms[:, None, None]
+            counts = np.full(len(triangles), len(values))
         elif self._fitted_in_blocks:
             from dynid.identification.systems import kernels
 
@@ -239,49 +259,12 @@ class TimeRecord(RecordLikelihood):
         return free_decays(self.model, eta)
 
     def _started(
-        self, decays: FreeDecays, at: Linear, eta: Array, values: Array, noise: Array | None
-    ) -> tuple[Array, Array, Array]:
-        """Return the first state, what `values` have beside the prediction from it, and R times weights."""
-        from dynid.identification.systems.kernels import at_rest
-
-        (Q, R), model = decays.factors, self.model
-        rotated = R @ decays.weights
-        left = values - at_rest(model, at, model.output(eta)[0], model.direct(eta).value)
-        left -= decays.columns @ (decays.weights @ model.initial).T
-        rows = np.concatenate([rotated, (Q.T @ left).T[..., None]], axis=2)
-        start = self._start(rows / self.data.rms[:, None, None], noise)
-        return start, left - decays.columns @ (decays.weights @ (start - model.initial)).T, rotated
-
-    def _fitted_by_decays(
         self, decays: FreeDecays, eta: Array, values: Array, noise: Array | None
-    ) -> tuple[Trajectory, Array, Array, NDArray[np.int_]]:
-        """Return the prediction of a fit, its residual, and rows of each channel as of `fit`, with counts."""
-        from dynid.identification.systems.kernels import steps_at, triangles
-
-        at, (n, p), rms = steps_at(self.model, eta), (self.nuisances, self.model.parameters), self.data.rms
-        start, _, rotated = self._started(decays, at, eta, values, noise)
-        outputs, states, by_parameter, _ = self._sensitive(eta, start)
-        residual, (Q, _) = values - outputs, decays.factors
-        rows = np.zeros((len(rms), n + p + 1, n + p + 1))
-        rows[:, :n, :n] = rotated / rms[:, None, None]
-        width = max(1, _MAX_BLOCK_NUMBERS // (len(values) * (p + 1)))
-        for first in range(0, len(rms), width):
-            block = slice(first, first + width)
-            both = np.concatenate([by_parameter[:, block], residual[:, block, None]], axis=2)
-            flat = both.reshape(len(both), -1)
-            inside = Q.T @ flat
-            both -= (Q @ inside).reshape(both.shape)
-            rows[block, :n, n:] = np.moveaxis(inside.reshape(n, -1, p + 1), 1, 0) / rms[block, None, None]
-            rows[block, n:, n:], _ = triangles(both[..., :0], both[..., :p], both[..., p], rms[block])
-        counts = np.full(len(rms), len(values))
-        return Trajectory(outputs, states, start), residual, rows, counts
-
-    def _sensitive(self, eta: Array, start: Array, channels: slice = ALL_CHANNELS) -> Prediction:
-        """Return the prediction of channels from a first state, without derivatives by it."""
-        # Large matrices multiply faster in NumPy, run by run.
-        steps = [self.model.transition(eta, h) for h in self.model.line.lengths]
-        none = np.zeros((len(self.data.values), 0))
-        return prediction(self.model, eta, start, Free(none, none[..., None]), steps, channels)
+    ) -> tuple[Array, Array]:
+        """Return the first state, and what `values` have beside the prediction from it."""
+        left, rows = first_state_rows(self.model, eta, decays, values)
+        start = self._start(rows / self.data.rms[:, None, None], noise)
+        return start, left - decays.columns @ (decays.weights @ (start - self.model.initial)).T
 
     @property
     def _fitted_in_blocks(self) -> bool:
@@ -340,7 +323,7 @@ class TimeRecord(RecordLikelihood):
         """
         start = start * (model.scale / self.model.scale)
         if (decays := self.decays(eta)) is not None:
-            predicted = self._sensitive(eta, start, channels)
+            predicted = sensitive(self.model, eta, start, channels)
             if not by_state:
                 return predicted
             return predicted._replace(by_state=np.moveaxis(decays.columns @ decays.weights[channels], 0, 1))
@@ -461,9 +444,7 @@ class TimeRecord(RecordLikelihood):
         """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""
         self.system_model.evaluations += 1
         if (decays := self.decays(eta)) is not None:
-            from dynid.identification.systems.kernels import steps_at
-
-            return self._started(decays, steps_at(self.model, eta), eta, self.data.values, None)[1]
+            return self._started(decays, eta, self.data.values, None)[1]
         if self._fitted_in_blocks:
             from dynid.identification.systems.kernels import fitted
 
@@ -542,31 +523,39 @@ class TimeRecord(RecordLikelihood):
             self._shared[key] = shared
         return self._shared[key]
 
-    def channelwise(self, fit: RecordFit) -> Iterator[tuple[int, Prediction]]:
-        """Yield the channels with their predictions, as many at once as memory allows."""
-        if (decays := self.decays(fit.eta)) is not None:
-            outputs, states, by_parameter, _ = self._sensitive(fit.eta, fit.predicted.start)
-            for c in range(outputs.shape[1]):
-                only = slice(c, c + 1)
-                by_state = decays.by_state(c)[:, None]
-                yield c, Prediction(outputs[:, only], states, by_parameter[:, only], by_state)
-            return
-        for block in self.channel_blocks():
-            predicted = self.predicted(fit, block)
+    def channelwise(self, fit: RecordFit, *, by_state: bool = True) -> Iterator[tuple[int, Prediction]]:
+        """Yield the channels with their predictions, as many at once as memory allows.
+
+        `by_state`: False: derivatives by the first state are left out where they are shared.
+        """
+        start, decays = fit.predicted.start, self.decays(fit.eta)
+        for block in self.channel_blocks(shared=decays is not None):
+            if decays is None:
+                predicted = self.predicted(fit, block)
+            else:
+                predicted = sensitive(self.model, fit.eta, start, block)
             for k, c in enumerate(range(block.start, block.stop)):
-                yield c, predicted.of(slice(k, k + 1))
+                channel = predicted.of(slice(k, k + 1))
+                if decays is not None and by_state:
+                    channel = channel._replace(by_state=decays.by_state(c)[:, None])
+                yield c, channel
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
         assert fit.measured is not None
-        white, shared = self.data.passed == 1, self.shared_regressors(fit)
+        white, shared, decays = self.data.passed == 1, self.shared_regressors(fit), self.decays(fit.eta)
         coordinates = []
-        for c, predicted in self.channelwise(fit):
+        # The derivatives by the first state are in the range of the regressors and decays.
+        inside = None if decays is None else shared.directions[1] @ decays.columns
+        for c, predicted in self.channelwise(fit, by_state=False):
             rms = self.data.rms[c]
             there = ~np.isnan(fit.residual[:, c])
             outputs, residual = predicted.outputs[:, 0] / rms, fit.residual[:, c] / rms
             measured = np.nan_to_num(fit.measured[:, c]) / rms
-            by_state = np.ascontiguousarray(predicted.by_state[:, 0]) @ (self.root / rms)
+            if decays is None:
+                by_state = np.ascontiguousarray(predicted.by_state[:, 0]) @ (self.root / rms)
+            else:
+                by_state = np.asarray(inside @ (decays.weights[c] @ (self.root / rms)))
             by_parameter, regressors_of_channel = predicted.by_parameter[:, 0] / rms, shared
             if not there.all():
                 outputs, residual = np.where(there, outputs, 0.0), np.where(there, residual, 0.0)
@@ -587,6 +576,7 @@ class TimeRecord(RecordLikelihood):
                     regressors_of_channel.where(there),
                     columns,
                     int(self.data.counts[c]) * min(1.0, self.data.passed),
+                    state_in_range=decays is not None,
                 )
             )
         return coordinates
@@ -630,6 +620,16 @@ class TimeLikelihood(Likelihood):
     """Records of time that share their parameters."""
 
     records: tuple[TimeRecord, ...]  # one or more, all with the same unknowns
+
+    def shortened(self, eta: Array) -> Self:
+        """Return the likelihood of the first parts of records whose channels share decays at coordinates (p).
+
+        Itself where not all do.
+        """
+        if any(record.decays(eta) is None for record in self.records):
+            return self
+        parts = tuple(record.first_part(_FIRST_PART) for record in self.records)
+        return replace(self, records=parts, noiseless=None)
 
     @property
     def most_evaluations(self) -> float:

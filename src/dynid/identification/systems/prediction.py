@@ -125,11 +125,32 @@ def prediction(
             by_parameter += np.moveaxis(direct.slopes, 0, -1)
         gathered = model.gathered(outputs), model.own(by_time), model.gathered(by_parameter)
         return Prediction(*gathered, free.by_state)
-    jumps, sample_of = model.jumps(eta), model.line.sample_of()
     trajectory = np.empty((len(model.line.wanted), n))
     moved = np.empty((len(trajectory), len(C), p))
-    trajectory[sample_of[:1]], moved[sample_of[:1]] = x0, 0.0  # the first node, if it is a sample
+    for samples, states, by_parameter in sensitive_runs(model, eta, x0, steps, C):
+        trajectory[samples], moved[samples] = states, by_parameter.swapaxes(1, 2)
+    if C_slopes.any():
+        for j, C_slope in enumerate(C_slopes):
+            moved[..., j] += trajectory @ C_slope.T
+    if direct.slopes is not None:
+        moved += np.moveaxis(direct.slopes, 0, -1)
+    outputs = model.gathered(trajectory @ C.T + direct.value)
+    return Prediction(outputs, model.own(trajectory), model.gathered(moved), free.by_state)
+
+
+def sensitive_runs(
+    model: ParametricModel, eta: Array, x0: Array, steps: Sequence[Transition], C: Array
+) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
+    """Yield the samples of a run after the other, their states (… x n), and derivatives (… x p x channels).
+
+    `model`: on its own timeline; C: output matrix (channels x n), whose derivatives are left out; the other
+    arguments are as of `prediction`.
+    """
+    n, p = model.states, model.parameters
+    jumps, sample_of = model.jumps(eta), model.line.sample_of()
     x, slope = x0[None], np.zeros((p, n))
+    if sample_of[0] >= 0:
+        yield sample_of[:1], x, np.zeros((1, p, len(C)))
     longest = max(1, min(_LONGEST_RUN, _MAX_RUN_NUMBERS // ((1 + p) * n)))
     for first, last, k in runs(model.line.which, longest):
         (Phi, gamma), (Phi_slopes, gamma_slopes) = (
@@ -142,17 +163,8 @@ def prediction(
         slopes = recurrence(Phi, driven if jumps is None else driven + jumps[first:last], slope)
         samples = sample_of[first + 1 : last + 1]
         kept = samples >= 0
-        trajectory[samples[kept]] = path[kept, 0]
-        read = (slopes[kept].reshape(-1, n) @ C.T).reshape(-1, p, len(C))
-        moved[samples[kept]] = read.swapaxes(1, 2)
+        yield samples[kept], path[kept, 0], (slopes[kept].reshape(-1, n) @ C.T).reshape(-1, p, len(C))
         x, slope = path[-1], slopes[-1]
-    if C_slopes.any():
-        for j, C_slope in enumerate(C_slopes):
-            moved[..., j] += trajectory @ C_slope.T
-    if direct.slopes is not None:
-        moved += np.moveaxis(direct.slopes, 0, -1)
-    outputs = model.gathered(trajectory @ C.T + direct.value)
-    return Prediction(outputs, model.own(trajectory), model.gathered(moved), free.by_state)
 
 
 def kernels_used(model: ParametricModel) -> bool:

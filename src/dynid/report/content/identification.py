@@ -69,7 +69,7 @@ def method(result: Result) -> str:
     if stage in ("a filter pass", "output error"):  # the latter: a rebuilt basis is fitted from the estimate
         start = ", started by an EKF pass" * (stage == "a filter pass")
     else:
-        begun = f"{_MEASURED}/omega" in result or has_modes(result)
+        begun = stage == "the start" or f"{_MEASURED}/omega" in result or has_modes(result)
         start = f" from {stage}" if begun else f" after {stage}"
     how = {
         "filter": f"{passes} filter pass{'es' if passes > 1 else ''}",
