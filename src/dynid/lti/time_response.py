@@ -54,10 +54,10 @@ class Timeline:
         out[self.wanted] = np.arange(len(self.wanted))
         return out
 
-    def inputs(self, order: int = 0) -> Array:
-        """Return the `order`-th derivative of the inputs at the requested times (times x inputs)."""
+    def inputs(self, order: int = 0, chosen: slice | NDArray[np.int64] = slice(None)) -> Array:
+        """Return the `order`-th derivative of inputs at requested times, or chosen ones (times x inputs)."""
         readout = self.H @ np.linalg.matrix_power(self.G, order)
-        return np.asarray(self.W[self.wanted] @ readout.T)
+        return np.asarray(self.W[self.wanted[chosen]] @ readout.T)
 
 
 def timeline(signals: Sequence[Signal], times: Array, start: float) -> Timeline:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -39,6 +39,7 @@ from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.noise import ColouredNoise, estimated
 from dynid.identification.statistics import log_f_tail
 from dynid.identification.systems.parametric_model import ParametricModel
+from dynid.identification.systems.prediction import Trajectory
 from dynid.identification.systems.structure_system import JointPorts, StructureSystem
 from dynid.lti.exponential import exponential
 from dynid.lti.recurrence import recurrence
@@ -135,6 +136,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
     ]
     if not tested or not tested[0][-1].names:
         return None
+    tested = [(*_first_samples(record, record_fit, joints), joints) for record, record_fit, joints in tested]
     motions = [_motions(record.model, record_fit, joints) for record, record_fit, joints in tested]
     units = np.max([np.abs(motion).max(axis=1) for motion in motions], axis=0)[:, None]
     units = np.where(units > 0, units, 1.0)
@@ -159,10 +161,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
     regressors = []
     for (record, record_fit, joints), motion in zip(tested, motions, strict=True):
         shared = record.shared_regressors(record_fit).values
-        width = p + record.model.states + len(names) * _FORCES + 1
-        rows = min(len(shared), _MAX_NUMBERS // (len(record.data.rms) * width + _MAX_FREE_REGRESSORS))
-        forces = _forces((motion / units)[:, :rows])
-        regressors.append((shared[:rows], _by_channel(record, record_fit, joints, forces)))
+        regressors.append((shared, _by_channel(record, record_fit, joints, _forces(motion / units))))
     coloured = not white or any(record.colour is not None for record, _, _ in tested)
     first, _ = test(free=False, coloured=coloured)
     if first.nonlinear_p > _FREED_LEVEL:
@@ -177,6 +176,17 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
         if log_f_tail(round(count), beside.degrees, ratio) < math.log(LACK_OF_FIT.value):
             return test(free=True, coloured=True)[0]
     return first
+
+
+def _first_samples(record: TimeRecord, fit: RecordFit, joints: JointPorts) -> tuple[TimeRecord, RecordFit]:
+    """Return a record and its fit, of a long one the first samples, as many as columns are held of."""
+    width = record.model.parameters + record.model.states + len(joints.names) * _FORCES + 1
+    rows = _MAX_NUMBERS // (len(record.data.rms) * width + _MAX_FREE_REGRESSORS)
+    if rows >= len(record.times):
+        return record, fit
+    (outputs, states, start), kept = fit.predicted, slice(0, rows)
+    predicted = Trajectory(outputs[kept], states[kept], start)
+    return record.first(rows), replace(fit, predicted=predicted, residual=fit.residual[kept])
 
 
 def _motions(model: ParametricModel, fit: RecordFit, joints: JointPorts) -> Array:

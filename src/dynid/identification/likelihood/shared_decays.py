@@ -45,16 +45,16 @@ def sensitive_blocks(
     """Yield the prediction of channels from a first state (n, scaled), block by block."""
     # Large matrices multiply faster in NumPy, run by run.
     steps = [model.transition(eta, h) for h in model.line.lengths]
-    (C, C_slopes), direct = model.output(eta), model.direct(eta, channels)
+    C, C_slopes = model.output(eta)
     C, C_slopes = C[channels], C_slopes[:, channels]
     for number, (samples, states, read) in enumerate(sensitive_runs(model, eta, start, steps, C)):
         report_progress(f"sensitivities, block {number + 1}")
-        by_parameter = read
+        by_parameter, direct = read, model.direct(eta, channels, samples)
         if C_slopes.any():
             by_parameter += (states @ C_slopes.reshape(-1, len(start)).T).reshape(read.shape)
         if direct.slopes is not None:
-            by_parameter += direct.slopes[:, samples].swapaxes(0, 1)
-        yield SensitiveBlock(samples, states @ C.T + direct.value[samples], states, by_parameter)
+            by_parameter += direct.slopes.swapaxes(0, 1)
+        yield SensitiveBlock(samples, states @ C.T + direct.value, states, by_parameter)
 
 
 def sensitive(model: ParametricModel, eta: Array, start: Array, channels: slice = ALL_CHANNELS) -> Prediction:

@@ -184,12 +184,14 @@ class ParametricModel:
         assert self.affine is not None
         return DirectTerm((self.line.inputs() * self.acting) @ self.affine.D[0].T, None)
 
-    def direct(self, eta: Array, channels: slice = slice(None)) -> DirectTerm:
-        """Return the direct effect of the loads on channels, and the channels' offsets."""
+    def direct(
+        self, eta: Array, channels: slice = slice(None), chosen: slice | NDArray[np.int64] = slice(None)
+    ) -> DirectTerm:
+        """Return the direct effect of the loads on channels, and offsets, at all times or chosen ones."""
         if self.affine is not None:
-            return DirectTerm(self._constant_direct.value[:, channels], None)
+            return DirectTerm(self._constant_direct.value[chosen][:, channels], None)
         matrices = self.at(eta)
-        inputs = [self.line.inputs(order) * self.acting for order in range(len(matrices.D))]
+        inputs = [self.line.inputs(order, chosen) * self.acting for order in range(len(matrices.D))]
         value = sum((u @ D[channels].T for u, D in zip(inputs, matrices.D, strict=True)), np.zeros(()))
         slopes = None
         if matrices.D_slopes.any():
