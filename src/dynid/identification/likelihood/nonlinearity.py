@@ -223,7 +223,9 @@ def _by_channel(
     record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array
 ) -> Callable[[int], Array]:
     """Return the responses of a channel (times x any) as a function of its number."""
-    width, held = max(1, _MAX_HELD_NUMBERS // forces.size), dict[int, Array]()
+    count, held = len(record.data.rms), dict[int, Array]()
+    blocks = min(count, -(-count * forces.size // _MAX_HELD_NUMBERS))
+    width = -(-count // blocks)
 
     def of_channel(channel: int) -> Array:
         number = channel // width

@@ -125,9 +125,11 @@ class Regressors:
     def directions(self) -> tuple[Directions, Array]:
         """Their directions, and all of the range of regressors and decays, these first (any x rows)."""
         count, decays = self.values.shape[1], self.decays
-        columns = self.values if decays is None else np.concatenate([self.values, decays], axis=1)
+        columns = np.concatenate([self.values] if decays is None else [self.values, decays], axis=1)
         norms = np.linalg.norm(columns, axis=0)
-        Q, R = np.linalg.qr(columns / np.where(norms > 0, norms, 1.0))
+        columns /= np.where(norms > 0, norms, 1.0)
+        Q, R = np.linalg.qr(columns)
+        del columns  # as large as Q
         places, size, vectors = _directions(R[:, :count])
         rest = np.linalg.qr(vectors.T, mode="complete")[0].T[len(places) :]
         both = np.concatenate([vectors, rest]) @ Q.T
