@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from dynid.identification.likelihood import time_record
+from dynid.identification.estimators.maximum_likelihood import OutputError
+from dynid.identification.likelihood import shared_decays, time_record
 from dynid.identification.likelihood.shared_decays import fit_from
+from dynid.identification.problem import Problem
+from dynid.identification.records.measurement import Experiment
 from dynid.identification.systems import free_decays, prediction
+from dynid.identification.systems.prediction import sensitive_runs
 from dynid.parameters import starts
 from dynid.structure.ports import Channel
-from tests.identification.cases import suspension
+from tests.identification.cases import LOADS, parameter, run, simulated, suspension
 from tests.identification.test_kernels import fits_of, needs_library
 
 CHANNELS = tuple(Channel(dof, quantity) for dof in (1, 2, 4) for quantity in ("displacement", "acceleration"))
@@ -75,6 +79,31 @@ def test_a_fit_in_shared_decays_is_that_of_each_channel(block, monkeypatch):
             np.testing.assert_allclose(x, y, atol=1e-9 * np.abs(y).max())
 
 
+@needs_library
+@pytest.mark.usefixtures("shared", "complete")
+def test_default_results_cost_less_than_ten_times_the_estimate(monkeypatch):
+    work = []
+
+    def counted(model, *arguments):
+        work.append(len(model.times) * model.states**2 * (1 + model.parameters))
+        return sensitive_runs(model, *arguments)
+
+    monkeypatch.setattr(shared_decays, "sensitive_runs", counted)
+    measurement = simulated(0.05, channels=CHANNELS, samples=250)
+    record = Problem.of(suspension(0.8), [Experiment(LOADS, measurement)]).likelihood
+    estimate = OutputError().run(record, starts(record.unknowns))
+    requested = sum(work)
+    work.clear()
+    result = run(suspension(0.8), measurement)
+    assert requested > 0
+    assert sum(work) < 10 * requested
+    # Large records begin with a fit of their first part.
+    assert list(result.value("identification/stages/stage")) == ["the start"]
+    error = np.log(parameter(result, "estimate")) - estimate.fit.eta
+    deviations = parameter(result, "standard_error") / parameter(result, "estimate")
+    assert np.abs(error / deviations).max() < 1e-3
+
+
 @pytest.mark.usefixtures("shared")
 def test_channels_with_gaps_and_poles_that_coincide_share_none(monkeypatch):
     gapped = fits_of(suspension(), CHANNELS, missing=[(3, 1)])
@@ -89,8 +118,8 @@ def test_channels_with_gaps_and_poles_that_coincide_share_none(monkeypatch):
 @needs_library
 @pytest.mark.usefixtures("shared")
 def test_the_derivatives_of_a_long_record_are_never_held_at_once(monkeypatch):
-    monkeypatch.setattr(prediction, "_LONGEST_RUN", 500)
-    record = fits_of(suspension(), CHANNELS, samples=20_000)
+    monkeypatch.setattr(prediction, "_LONGEST_RUN", 200)
+    record = fits_of(suspension(), CHANNELS, samples=8000)
     eta, values = starts(record.unknowns), record.data.values
     decays = record.decays(eta)
     assert decays.factors[0].shape == (len(values), record.model.states)
