@@ -139,6 +139,33 @@ def test_a_steady_state_is_a_long_time_response(law, parameters, amplitude, stop
     assert motion == pytest.approx(expected, abs=error * np.abs(expected).max())
 
 
+def test_several_joints_with_several_laws():
+    joints = [
+        Joint("stop", (1,), laws=(joint_law(Cubic(), [JointParameter(1e5)]),)),
+        Joint(
+            "bolt",
+            (1, 2),
+            laws=(
+                joint_law(Jenkins(), [JointParameter(300.0), JointParameter(0.3)]),
+                joint_law(QuadraticDamping(), [JointParameter(2.0)]),
+            ),
+        ),
+    ]
+    model = lumped([1.0, 1.2], [Link((1,), 1000.0, 4.0), Link((2,), 500.0, 3.0)]).joined(joints)
+    omega, _, response, stable, _ = curve(harmonic_balance(model, 2, 2.0, 20.5, 22.0, backbone=False))
+    expected = after_a_long_time(model, 2, 2.0, omega[-1], periods=150)
+    motion = motion_at(response[-1], 2 * np.pi * np.arange(64) / 64)
+    assert motion == pytest.approx(expected, abs=1e-5 * np.abs(expected).max())
+    assert stable.all()
+
+
+def test_too_few_harmonics_are_noted():
+    model = masses(Coulomb(), 0.3, 0.02, dofs=(2,))
+    result = harmonic_balance(model, 2, 2.0, 17.0, 17.5, harmonics=5, stability=False, backbone=False)
+    assert "harmonics beyond 5 would deflect a joint by" in result.group_attrs[GROUP]["note"]
+    assert result[f"{GROUP}/response"].shape[1] == 6
+
+
 def test_unstable_states_are_periodic_and_stability_changes_at_folds():
     model = masses(Cubic(), 4e5)
     result = harmonic_balance(model, 1, 2.0, 28.0, 55.0, output=2, backbone=False)

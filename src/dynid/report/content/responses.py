@@ -154,6 +154,8 @@ def steady_sections(result: Result) -> Iterator[ReportSection]:
             f"{general(unit.factor * mode[-1])} {unit.name}, {general(ratio[-1])} % at {general(size[-1])} "
             f"{amplitude.units}"
         )
+    if note := about.get("note"):
+        rows.append(str(note))
     if note := result.group_attrs.get(BACKBONE, {}).get("note"):
         rows.append(f"the backbone is {note}")
     yield ReportSection("Steady states", tuple(map(Statement, rows)), "answer", screen="")

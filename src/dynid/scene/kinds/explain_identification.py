@@ -54,6 +54,10 @@ def explain(scene: Scene[IdentificationScene]) -> Explanation:
             _add_record(scene, result, facts, [unknown.name for unknown in structure.unknowns])
         if model.structure_analysis is not None:
             facts.append(Fact("responses", _responses(model.structure_analysis)))
+        if model.responses is not None:
+            asked = model.responses.harmonic_balance
+            span = f"{float(asked.start):g} … {float(asked.stop):g} {asked.unit}"
+            facts.append(Fact("steady states", f"harmonic balance, {span}, force at {asked.dof}"))
     except (NumericalError, UsageError) as error:
         return Explanation(result, facts, obstacle=error)
     return Explanation(result, facts)

@@ -246,7 +246,7 @@ LAYOUT: dict[str, str] = {
         "time joint law deflection rate force work regime events steps change energy_residual note"
     ),
     "response/harmonic_balance": (
-        "point omega amplitude phase harmonic response stable multiplier force folds dof output"
+        "point omega amplitude phase harmonic response stable multiplier force folds dof output note"
     ),
     "response/backbone": "point amplitude omega damping mode note",
     "structure/geometry": (

@@ -290,6 +290,11 @@ class ForcedResponse:
         size = float(np.abs(self.motion(u)).sum(axis=1).max()) or 1.0
         return np.append(np.full(len(u) - 1, size), abs(u[-1]))
 
+    @property
+    def left_out(self) -> float:
+        """What harmonics beyond the last would deflect at the last solution, relative to the deflection."""
+        return self._left_out
+
     def resized(self, u: Array) -> Array | None:
         """Return the unknowns with more harmonics, if those left out would move the joints, else None."""
         if self._left_out <= self.structure.tail or self.harmonics >= self.max_harmonics:

@@ -79,9 +79,11 @@ def harmonic_balance(
     multipliers: list[float] = []
     stable: list[bool] = []
     omegas: list[float] = []
+    left_out = 0.0
     top = 0.0, first.u, np.zeros((0, 0), dtype=complex)  # amplitude of the first harmonic, unknowns, modes
     for u in trace(equations, first, low, high, stop, points, longest):
         omegas.append(float(u[-1]))
+        left_out = max(left_out, equations.left_out)
         modal = equations.modal_motion(u)
         motions.append(modal @ row)
         if (size := float(np.abs(motions[-1][1]))) > top[0]:
@@ -109,6 +111,11 @@ def harmonic_balance(
         result.add(f"{GROUP}/multiplier", multipliers, ("point",))
     folds = int(np.count_nonzero(np.diff(np.sign(np.diff(omega)))))
     result.annotate(GROUP, force=amplitude, folds=folds, dof=str(dof), output=str(read))
+    if left_out > structure.tail:
+        said = (
+            f"harmonics beyond {harmonics} would deflect a joint by {100 * left_out:.2g} % of its deflection"
+        )
+        result.annotate(GROUP, note=f"{said}; allow more 'harmonics'")
     if backbone:
         _add_backbone(result, structure, row, top, harmonics, points)
     return result
