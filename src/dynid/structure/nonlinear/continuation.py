@@ -13,8 +13,8 @@ import numpy as np
 from dynid.arrays import Array
 from dynid.errors import NumericalError
 
-# Scaled step of Newton's iteration after which its error, by its square, is round-off.
-_STEP_TOL = 1e-6
+# Scaled step of Newton's iteration after which its error, of the order of its square, is below 1e-9.
+_STEP_TOL = 1e-5
 _MAX_ITERATIONS = 12
 # Scaled lengths of steps: a motion changes by these parts of its size.
 _FIRST_STEP, _MIN_STEP, _MAX_STEP = 0.02, 1e-7, 0.1

@@ -57,14 +57,31 @@ class CycleForce(NamedTuple):
     hidden: tuple[float, int]
 
 
+def series(theta: Array, harmonics: int) -> Array:
+    """Return the functions of a Fourier series at angles (angles x 2 H + 1)."""
+    powers = np.cumprod(np.broadcast_to(np.exp(1j * theta)[:, None], (len(theta), harmonics)), axis=1)
+    T = np.empty((len(theta), 2 * harmonics + 1))
+    T[:, 0], T[:, 1::2], T[:, 2::2] = 1.0, powers.real, powers.imag
+    return T
+
+
 def basis(theta: Array, harmonics: int) -> tuple[Array, Array]:
     """Return the functions of a Fourier series at angles, and their derivatives (angles x 2 H + 1)."""
-    order = np.arange(1, harmonics + 1)
-    powers = np.cumprod(np.broadcast_to(np.exp(1j * theta)[:, None], (len(theta), harmonics)), axis=1)
-    T, D = np.zeros((2, len(theta), 2 * harmonics + 1))
-    T[:, 0], T[:, 1::2], T[:, 2::2] = 1.0, powers.real, powers.imag
-    D[:, 1::2], D[:, 2::2] = -order * powers.imag, order * powers.real
-    return T, D
+    T = series(theta, harmonics)
+    return T, _derivatives(T)
+
+
+def _derivatives(T: Array) -> Array:
+    order, D = np.arange(1, T.shape[1] // 2 + 1), np.zeros_like(T)
+    D[:, 1::2], D[:, 2::2] = -order * T[:, 2::2], order * T[:, 1::2]
+    return D
+
+
+def _rate(q: Array) -> Array:
+    """Return the coefficients of the derivative of a series by its angle."""
+    order, out = np.arange(1, len(q) // 2 + 1), np.zeros_like(q)
+    out[1::2], out[2::2] = order * q[2::2], -order * q[1::2]
+    return out
 
 
 def further_harmonics(harmonics: int) -> int:
@@ -314,8 +331,8 @@ class _Cycle:
         return float(theta)
 
     def _motion(self, theta: Array) -> tuple[Array, Array]:
-        T, D = basis(theta, self.harmonics)
-        return T @ self.q, self.omega * (D @ self.q)
+        T = series(theta, self.harmonics)
+        return T @ self.q, self.omega * (T @ _rate(self.q))
 
     def _collocated(self, low: float, high: float, z: float, slopes: Array, regime: int) -> _Segment:
         """Return a panel whose hidden state has its rate at all nodes (Newton), with its columns."""
@@ -379,10 +396,10 @@ class _Cycle:
     ) -> CycleForce:  # fmt: skip
         """Return the Fourier coefficients of the force along the segments of a closed cycle."""
         size = len(self.q)
-        T, D = basis(np.concatenate([s.theta for s in segments]), further_harmonics(self.harmonics))
+        T = series(np.concatenate([s.theta for s in segments]), further_harmonics(self.harmonics))
         rows = T.T * (np.concatenate([s.weights for s in segments]) / np.pi)
         rows[0] /= 2
-        d, v = T[:, :size] @ self.q, self.omega * (D[:, :size] @ self.q)
+        d, v = T[:, :size] @ self.q, self.omega * (T[:, :size] @ _rate(self.q))
         value, by_d, by_v = np.empty((3, len(d)))
         slopes = np.zeros((size, self.columns))
         first = 0
@@ -400,7 +417,7 @@ class _Cycle:
                 )
         slopes[:, :size] += (rows[:size] * by_d) @ T[:, :size]
         if by_v.any():
-            slopes[:, :size] += (rows[:size] * by_v) @ (self.omega * D[:, :size])
+            slopes[:, :size] += (rows[:size] * by_v) @ (self.omega * _derivatives(T[:, :size]))
             slopes[:, size] += rows[:size] @ (by_v * v / self.omega)
         for theta, jump, shift in jumps:
             at = basis(np.full(1, theta), self.harmonics)[0][0] / np.pi
