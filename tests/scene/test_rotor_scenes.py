@@ -91,3 +91,14 @@ def test_what_does_not_fit_a_rotor_is_refused(scene, tmp_path):
     reduced = ("analysis:", "reduction: {method: guyan, masters: ['1:x']}\nanalysis:")
     with pytest.raises((UsageError, SceneError), match="gyroscopic and circulatory matrices are for modes"):
         dynid.run(scene(reduced))
+
+
+def test_an_identified_rotor_is_explained_with_the_sensitivities_of_its_modes():
+    from pathlib import Path
+
+    from dynid.scene.explanation import explain
+
+    scene = dynid.load_scene(Path(__file__).parents[2] / "configs/rotor.yaml")
+    explanation = explain(scene)
+    assert explanation.obstacle is None
+    assert "identification/identifiability/modal_sensitivity/omega" in explanation.result

@@ -12,6 +12,7 @@ from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.labels import Label
 from dynid.structure.modal_analysis import modal_analysis
 from dynid.structure.model import Rotor, StructuralModel
+from dynid.structure.poles import pole_sensitivities
 from dynid.structure.ports import Channel, Load
 from dynid.structure.response import frequency_response, time_response
 from dynid.structure.rotors import add_campbell, whirl, whirl_modes
@@ -161,6 +162,29 @@ def test_derivatives_of_responses_know_that_the_matrices_are_unsymmetric():
     )
 
 
+@pytest.mark.parametrize("equal", [False, True])
+def test_sensitivities_of_poles_are_those_of_differences(equal):
+    """Equal bearings at rest leave poles in pairs, of which a bearing in x moves one."""
+
+    def bearing(name, dof, k):
+        return Joint(name, (dof,), k=JointParameter(start=k), c=JointParameter(start=20.0))
+
+    model = two_discs(0.0 if equal else 500.0).joined([bearing("a", "1:x", 3e5), bearing("b", "1:y", 5e5)])
+    values = {"a.k": 3e5, "a.c": 25.0, "b.k": 3e5 if equal else 4e5, "b.c": 25.0 if equal else 40.0}
+    exact = pole_sensitivities(model, values)
+    for k, name in enumerate(values):
+        step = 1e-3 * values[name]
+        up, down = (
+            np.sort(np.abs(whirl_modes(model, values | {name: values[name] + sign * step}).poles))
+            for sign in (1, -1)
+        )
+        slopes = exact.omega_slopes[:, k]
+        difference = (up - down) / (2 * step)
+        if equal:  # pairs in any order
+            difference, slopes = (pairs.reshape(-1, 2).sum(axis=1) for pairs in (difference, slopes))
+        assert slopes == pytest.approx(difference, rel=1e-4, abs=1e-5 * np.abs(slopes).max())
+
+
 def test_a_campbell_diagram_follows_modes_through_crossings():
     result, speeds = Result("structure"), np.linspace(0.0, 1000.0, 41)
     add_campbell(result, jeffcott(0.0), speeds, None, 4)
@@ -175,13 +199,16 @@ def test_a_campbell_diagram_follows_modes_through_crossings():
     assert result["structure/campbell/whirl"].data.shape == (41, 4)
 
 
-def test_modes_of_a_rotor_are_complex_ones_alone():
+def test_modes_of_a_rotor_are_complex_ones_alone(monkeypatch):
     result = modal_analysis(jeffcott(300.0), below=300.0)
     assert "structure/modes/omega" not in result
     assert result["structure/complex_modes/omega"].data == pytest.approx([75.0, 200.0, 200.0])
     assert len(modal_analysis(jeffcott(300.0), count=1)["structure/complex_modes/mode"].data) == 1
     with pytest.raises(UsageError, match="mass in every direction"):
         modal_analysis(jeffcott(300.0, J=0.0))
+    monkeypatch.setattr("dynid.structure.rotors._MAX_DOFS", 3)
+    with pytest.raises(UsageError, match="4 DOFs, more than the 3 of which"):
+        modal_analysis(jeffcott(300.0))
 
 
 def test_whirl_needs_two_directions_in_a_plane():

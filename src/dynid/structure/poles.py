@@ -27,6 +27,7 @@ from dynid.errors import NumericalError
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
+from dynid.structure.rotors import whirl_modes
 
 STILL = 1e-9
 """Poles with a smaller imaginary part, relative, do not oscillate."""
@@ -129,16 +130,23 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
     `values`: its unknown parameters by name: where the derivatives are taken. Raises NumericalError,
     UsageError as of `modes`.
     """
-    M, C, K = model.dense(values)
-    undamped = modes(M, C, K, backend="dense")
-    shapes, omega = undamped.shapes, undamped.omega
-    D = shapes.T @ C @ shapes
-    loss = shapes.T @ model.dense(values, loss=True)[2].imag @ shapes if model.hysteretic else None
-    moved = [
-        {letter: shapes.T @ as_array(change) @ shapes for letter, change in slopes.items()}
-        for slopes in model.slopes(values)
-    ]
-    poles, U = second_order_poles(omega, D, loss)
+    if model.rotor is not None:
+        M, D, K = model.dense(values, rotating=True)
+        moved = [
+            {letter: as_array(change) for letter, change in slopes.items()} for slopes in model.slopes(values)
+        ]
+        poles, U = whirl_modes(model, values)
+    else:
+        M, C, K = model.dense(values)
+        undamped = modes(M, C, K, backend="dense")
+        shapes, omega = undamped.shapes, undamped.omega
+        M, D = np.eye(len(omega)), shapes.T @ C @ shapes
+        loss = shapes.T @ model.dense(values, loss=True)[2].imag @ shapes if model.hysteretic else None
+        moved = [
+            {letter: shapes.T @ as_array(change) @ shapes for letter, change in slopes.items()}
+            for slopes in model.slopes(values)
+        ]
+        poles, U = second_order_poles(omega, D, loss)
     slopes = np.zeros((len(poles), len(moved)), dtype=complex)
     clusters: list[list[int]] = []  # places of poles that are one, in the order of their size
     for row, pole in enumerate(poles):
@@ -149,15 +157,19 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
             clusters.append([row])
     for cluster in clusters:
         pole, u = poles[cluster].mean(), U[:, cluster]
-        gram = u.T @ (2 * pole * u + D @ u)
-        scale = float(np.linalg.norm(2 * pole * u) + np.linalg.norm(D @ u))
+        left = u
+        if model.rotor is not None:  # the vectors that an unsymmetric Z(pole) annihilates from the left
+            left = np.linalg.svd((K + pole * D + pole**2 * M).T)[2][-len(cluster) :].conj().T
+        inertia = 2 * pole * (M @ u)
+        gram = left.T @ (inertia + D @ u)
+        scale = float(np.linalg.norm(inertia) + np.linalg.norm(D @ u))
         if np.linalg.svd(gram, compute_uv=False)[-1] <= _DEFECTIVE * scale:
             slopes[cluster] = np.inf
             continue
         for j, changes in enumerate(moved):
             powers = {"M": pole**2, "C": pole, "K": 1.0, "H": 1j}
             change = sum((powers[letter] * matrix for letter, matrix in changes.items()), np.zeros_like(D))
-            branches = -np.linalg.solve(gram, u.T @ change @ u)
+            branches = -np.linalg.solve(gram, left.T @ change @ u)
             slopes[cluster, j] = np.sort_complex(np.linalg.eigvals(branches))
     omega = np.abs(poles)
     zeta = -poles.real / omega

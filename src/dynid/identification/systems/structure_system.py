@@ -285,7 +285,6 @@ class StructureSystem(LinearSystem):
         # each pair's force and read-out among the directions; `within` returns a matrix in these
         # coordinates; `read`: the motions of the transposed system; default: those of a symmetric one.
         motion, (force, end) = motions
-        adjoint = motion if read is None else read
         forces, of_pair = np.unique(force, return_inverse=True)
         moved = np.zeros((*factor.shape, len(self.unknowns)), dtype=complex)
         powers = {"K": np.ones(len(omega)), "C": 1j * omega, "M": -(omega**2), "H": np.full(len(omega), 1j)}
@@ -294,10 +293,11 @@ class StructureSystem(LinearSystem):
                 change = within(as_array(matrix))
                 here = np.flatnonzero(change.any(axis=0))
                 active_motion = motion[:, here]
+                active_read = active_motion if read is None else read[:, here]
                 bent = np.tensordot(
                     active_motion[:, :, forces], change[np.ix_(here, here)], (1, 0)
                 )  # L x forces x here
-                products = np.einsum("lhp,lph->lp", adjoint[:, here][:, :, end], bent[:, of_pair])
+                products = np.einsum("lhp,lph->lp", active_read[:, :, end], bent[:, of_pair])
                 moved[..., k] -= factor * powers[letter][:, None] * products
         return moved
 
