@@ -136,7 +136,7 @@ def steady_sections(result: Result) -> Iterator[ReportSection]:
     omega, amplitude = (result[f"{STEADY}/{name}"] for name in ("omega", "amplitude"))
     top = int(amplitude.data.argmax())
     said = (
-        f"displacement of {about['output']} under the force {general(about['force'])} cos ωt at "
+        f"displacement of {about['output']} under the force {general(float(about['force']))} cos ωt at "
         f"{about['dof']}: "
         f"{counted(len(omega.data), 'steady state')}, largest amplitude {general(amplitude.data[top])} "
         f"{amplitude.units} at {general(unit.factor * omega.data[top])} {unit.name}"
