@@ -8,7 +8,6 @@ import pytest
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.diagnosis.idle_laws import idle_laws
 from dynid.identification.estimators.auto import Auto
-from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify
@@ -201,8 +200,6 @@ def test_parts_of_records_grow():
 
 
 def test_what_superposes_is_refused():
-    with pytest.raises(UsageError, match="filter's steps are those of a linear model"):
-        identify(model("cubic"), experiment(30), Filter())
     likelihood = Problem.of(model("cubic"), experiment(30)).likelihood
     assert not likelihood.records[0].superposes
     with pytest.raises(UsageError, match="a delay is unknown"):

@@ -112,7 +112,7 @@ def test_the_scene_of_these_tests_is_valid():
         (
             "measurement:",
             "estimator: {method: output-error, passes: 3}\nmeasurement:",
-            "8:12: 'passes' belongs to the method 'filter', not to 'output-error'",
+            "8:12: 'passes' belongs to the methods 'filter' and 'sigma-point', not to 'output-error'",
         ),
         (
             "measurement:",

@@ -232,7 +232,7 @@ class Residuals:
     def innovations(self) -> list[Array] | None:
         """Innovations of the filter's last pass; none of a first one, which assumes a noise of its own."""
         sweeps = self.estimate.histories
-        if self.method != "filter" or len(sweeps) < 2:
+        if self.method not in ("filter", "sigma-point") or len(sweeps) < 2:
             return None
         return [history.innovations for history in sweeps[-1] if history.innovations is not None]
 

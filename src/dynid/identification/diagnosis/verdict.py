@@ -31,7 +31,7 @@ _LEAST_SPARE = 10
 # A channel that takes fewer values is not tested for clipping.
 _MIN_CLIPPING_SAMPLES = 50
 # Estimators whose filter is that of white noise.
-_WHITE_ONLY = ("filter", "invariant-imbedding")
+_WHITE_ONLY = ("filter", "sigma-point", "invariant-imbedding")
 #: What may be wrong where a model lacks fit: a joint that is not tested, or one that the score test excludes.
 _POSSIBLE_CAUSES = (
     "Possible causes: a wrong mass or connection, or a nonlinear joint (friction, gap, a stiffness that "

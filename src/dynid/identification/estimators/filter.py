@@ -21,8 +21,8 @@ record.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -42,6 +42,10 @@ LINEARISED_DEVIATIONS, MAX_LINEARISED_CHANGE = LINEARISED.value, 0.1
 RUNAWAY, RUNAWAY_UNITS = float(np.log(1e6)), 1e6
 # Squares between these neither overflow nor lose digits.
 _MIN_SQUARE, _MAX_SQUARE = 1e-280, 1e280
+
+
+Walk: TypeAlias = Callable[..., Array]
+"""Filters a record: see `_walk`."""
 
 
 class Outputs(NamedTuple):
@@ -152,6 +156,7 @@ def filter_pass(
     deviation: Array,
     origin: Array,
     fraction: float = LINEARISED_DEVIATIONS,
+    walk: Walk | None = None,
 ) -> Pass:
     """Run the filter once over the record.
 
@@ -159,8 +164,8 @@ def filter_pass(
     and covariance before the first sample. `deviation`: assumed standard deviation of each channel's noise
     (channels) or of each sample (times x channels); `origin`: coordinates from which a divergence is
     measured (p). `fraction`: how far a coordinate may move, in its deviations, before steps are linearised
-    anew; 0: every sample. Raises Diverged if a parameter becomes non-finite or leaves its start by a factor
-    of a million.
+    anew; 0: every sample; `walk`: what filters the samples, default the steps of a linear model. Raises
+    Diverged if a parameter becomes non-finite or leaves its start by a factor of a million.
     """
     model = model.moved(prior.eta)
     n, p, sampling = model.states, model.parameters, model.sampling
@@ -173,9 +178,10 @@ def filter_pass(
     history = {name: np.empty((samples, size)) for name, size in sizes.items()}
     innovations = np.full(measured.shape, np.nan)
     run = _walk_compiled if compiled() and not model.instruments.unknown_delays else _walk
+    run = walk or run
     root = run(model, measured, weight, z, S, origin, history | {"innovations": innovations}, fraction)
     rows = {name: model.own(array) for name, array in history.items()}
-    return Pass(**rows, root=root[n:], innovations=model.gathered(innovations), whole=root)
+    return Pass(**rows, root=root[-p:], innovations=model.gathered(innovations), whole=root)
 
 
 def _walk(

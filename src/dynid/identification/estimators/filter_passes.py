@@ -26,6 +26,9 @@ from dynid.progress import report_progress, tracked
 
 # Noise below this part of the RMS is not assumed: the covariance would lose its digits.
 _MIN_NOISE = 1e-4
+# Variance of the prior of a later pass over that of the fit, where joints have nonlinear laws: hysteresis is
+# linear over few deviations of its parameters. The pass before it then counts for a 30th of the estimate.
+_LAW_PRIOR = 30.0
 # The first pass assumes a noise that falls from twice the RMS to a twentieth, over an eighth of the record:
 # far from the optimum early samples must not narrow the covariance, since the linearisation is wrong there.
 _FIRST_NOISE = 2.0
@@ -46,7 +49,12 @@ class Filter:
     """
 
     passes: int = FILTER_PASSES.value  # number of passes over the record
-    name: str = "filter"
+    sigma_points: bool = False  # of joints with laws, in place of linearisation
+
+    @property
+    def name(self) -> str:
+        """Its name in a scene."""
+        return "sigma-point" if self.sigma_points else "filter"
 
     def __post_init__(self) -> None:
         if self.passes < 1:
@@ -57,9 +65,20 @@ class Filter:
 
         Raises Diverged if the parameters run away.
         """
-        histories = run_passes(likelihood, origin, self.passes)
+        if self.sigma_points and any(record.superposes for record in likelihood.records):
+            raise UsageError(
+                "sigma points are for joints with nonlinear laws: the steps of a linear model are exact",
+                remedy="Use method: filter.",
+                names=("estimator.method", "estimator"),
+            )
+        histories = run_passes(likelihood, origin, self.passes, sigma_points=self.sigma_points)
         fit = likelihood.fit(last(likelihood, histories))
         return Estimate(fit, histories, [EstimationStage.at("filter", likelihood, fit)])
+
+
+def sigma_point_filter(**options: int) -> Filter:
+    """Return the filter with sigma points."""
+    return Filter(sigma_points=True, **options)
 
 
 def last(likelihood: TimeLikelihood, sweeps: Sequence[Sweep]) -> Array:
@@ -71,22 +90,27 @@ def last(likelihood: TimeLikelihood, sweeps: Sequence[Sweep]) -> Array:
     return likelihood.priors.constrained(end.eta[-1], end.root)
 
 
-def run_passes(likelihood: TimeLikelihood, origin: Array, passes: int) -> list[Sweep]:
+def run_passes(
+    likelihood: TimeLikelihood, origin: Array, passes: int, *, sigma_points: bool = False
+) -> list[Sweep]:
     """Run passes of the filter.
 
-    `origin`: coordinates of the initial parameters (p). Raises Diverged if the parameters run away.
+    `origin`: coordinates of the initial parameters (p); `sigma_points`: of joints with laws, in place of
+    linearisation. Raises Diverged if the parameters run away.
     """
     records = likelihood.records
     priors = [wide_prior(record, origin) for record in records]
     report_progress(f"filter pass 1 of {passes}")
-    sweeps = [_sweep(likelihood, priors, first_noise(likelihood), origin)]
+    # Sigma points of the wide first prior lie where a law has no sense: the first of several passes has none.
+    at_points = sigma_points and passes == 1
+    sweeps = [_sweep(likelihood, priors, first_noise(likelihood), origin, sigma_points=at_points)]
     while len(sweeps) < passes:
         report_progress(f"filter pass {len(sweeps) + 1} of {passes}")
         fit = likelihood.fit(last(likelihood, sweeps))
         fits = list(zip(records, fit.parts, strict=True))
         priors = [_unit_prior(record, record_fit) for record, record_fit in fits]
         noise = [_floored(record, record_fit.noise) for record, record_fit in fits]
-        sweeps.append(_sweep(likelihood, priors, noise, origin))
+        sweeps.append(_sweep(likelihood, priors, noise, origin, sigma_points=sigma_points))
     return sweeps
 
 
@@ -117,12 +141,6 @@ def chained(
     of the parameters, too, which is combined with their priors. `passed`: runs the pass over a record,
     numbered from 0.
     """
-    if not all(record.superposes for record in likelihood.records):
-        raise UsageError(
-            "the filter's steps are those of a linear model, and a joint has nonlinear laws",
-            remedy="Use method: auto or output-error.",
-            names=("estimator.method", "estimator"),
-        )
     sweep: list[Pass] = []
     first = likelihood.priors.combined(priors[0])
     for k, (record, prior) in enumerate(zip(likelihood.records, priors, strict=True)):
@@ -137,13 +155,24 @@ def chained(
 
 
 def _sweep(
-    likelihood: TimeLikelihood, priors: Sequence[InitialState], noise: Sequence[Array], origin: Array
+    likelihood: TimeLikelihood,
+    priors: Sequence[InitialState],
+    noise: Sequence[Array],
+    origin: Array,
+    *,
+    sigma_points: bool = False,
 ) -> Sweep:
     """Run the filter over each record, at these assumed noises."""
 
     def passed(k: int, record: TimeRecord, prior: InitialState) -> Pass:
         n, size = record.model.states, len(prior.root)  # a triangular factor a sample
         record.system_model.evaluations += size**3 // (n**2 * (1 + record.model.parameters)) + 1
+        if not record.superposes:
+            from dynid.identification.estimators.law_filter import (
+                law_filter_pass,  # of joints with laws alone
+            )
+
+            return law_filter_pass(record, prior, noise[k], origin, sigma_points=sigma_points)
         return filter_pass(record.model, record.data.values, prior, noise[k], origin)
 
     return chained(likelihood, priors, passed)
@@ -160,7 +189,8 @@ def first_noise(likelihood: TimeLikelihood) -> list[Array]:
 
 def wide_prior(record: TimeRecord, eta: Array, share: float = 1.0) -> InitialState:
     """Return a first prior: any state that the record allows, coordinates with a share of their spread."""
-    return InitialState(record.model.initial, eta, _wide_root(record, share))
+    hidden = np.zeros(record.nuisances - record.model.states)
+    return InitialState(np.concatenate([record.model.initial, hidden]), eta, _wide_root(record, share))
 
 
 def _unit_prior(record: TimeRecord, fit: RecordFit) -> InitialState:
@@ -171,7 +201,8 @@ def _unit_prior(record: TimeRecord, fit: RecordFit) -> InitialState:
     rows = record.rows(fit, _floored(record, fit.noise))[:, :-1]
     _, s, Vt = thin_svd(rows @ root)
     share = np.zeros(len(root))
-    share[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
+    values = np.count_nonzero(~np.isnan(fit.residual))
+    share[: len(s)] = s**2 / (values if record.superposes else _LAW_PRIOR)
     return InitialState(fit.predicted.start, fit.eta, root @ (Vt.T / np.sqrt(1 + share)))
 
 
@@ -182,7 +213,7 @@ def _floored(record: TimeRecord, noise: Array) -> Array:
 
 def _wide_root(record: TimeRecord, share: float = 1.0) -> Array:
     """Return the root of the covariance of a wide prior."""
-    n, size = record.model.states, record.model.states + record.model.parameters
+    n, size = record.nuisances, record.nuisances + record.model.parameters
     root = np.zeros((size, size))
     root[:n, :n] = record.root
     root[n:, n:] = np.diag([share * unknown.first_spread for unknown in record.unknowns])

@@ -60,6 +60,12 @@ class InvariantImbedding:
 
         Raises Diverged if the integration breaks down, or parameters run away.
         """
+        if not all(record.superposes for record in likelihood.records):
+            raise UsageError(
+                "eqs 19 and 20 are integrated for a linear model, and a joint has nonlinear laws",
+                remedy="Use method: filter, which solves them sample by sample, or sigma-point.",
+                names=("estimator.method", "estimator"),
+            )
         counts = {"equations": 0, "evaluations": 0}
 
         def passed(_: int, record: TimeRecord, prior: InitialState) -> Pass:

@@ -329,23 +329,64 @@ def _rest(
     w = int(np.count_nonzero(read_states[1] > _RANK_TOL * read_states[1][:1].max(initial=0.0)))
     further = read_states[2][:w]
     coefficients = directions.T @ added
-    by_laws = []
-    rate = rates(model.unknowns, eta)
+    columns = Columns(
+        coefficients[:, :, :n] @ further.T,
+        coefficients[:, :, n : n + nu],
+        coefficients[:, :, n + nu :],
+        _by_parameters(model, eta, laws),
+    )
+    all_directions = np.concatenate([E, U, directions], axis=1)
+    return LinearRest(matrices.A, all_directions, np.concatenate([read, further]), nf, nu), columns
+
+
+def _by_parameters(model: ParametricModel, eta: Array, laws: Sequence[ModelLaw]) -> tuple[Array, ...]:
+    """Return the derivatives of the parameters and the offset of each law by the coordinates (… x p)."""
+    rate, by_laws = rates(model.unknowns, eta), []
     for law in laws:
-        by = np.zeros((len(law.slopes), p))
+        by = np.zeros((len(law.slopes), model.parameters))
         for k, slopes in enumerate(law.slopes):
             for name, slope in slopes.items():
                 place = _place(model, name)
                 by[k, place] += slope * rate[place]
         by_laws.append(by)
-    columns = Columns(
-        coefficients[:, :, :n] @ further.T,
-        coefficients[:, :, n : n + nu],
-        coefficients[:, :, n + nu :],
-        tuple(by_laws),
+    return tuple(by_laws)
+
+
+class RateTables(NamedTuple):
+    """The rest and the laws about coordinates, each array before its derivatives by these (1 + p).
+
+    ``x' = A x + B u + E f``, ``y = C x + T f + direct`` with the joint forces f at the deflections and their
+    rates ``rows x``; `laws` with the derivatives of their parameters and offsets (… x p).
+    """
+
+    A: Array
+    B: Array
+    E: Array
+    C: Array
+    T: Array
+    direct: Array  # 1 + p x times x channels
+    rows: Array
+    laws: tuple[BoundLaw, ...]
+    by_laws: tuple[Array, ...]
+
+
+def rate_tables(model: ParametricModel, eta: Array) -> RateTables:
+    """Return the terms of the equations of motion about coordinates of the parameters."""
+    prepared = _Prepared.of(model, eta)
+    matrices, laws, rows = prepared.matrices, prepared.laws, _deflections(model)
+    nf = len(rows)
+    A, B, C, D = (
+        np.concatenate([value[None], slopes])
+        for value, slopes in zip(matrices[:4], matrices[4:], strict=True)
     )
-    all_directions = np.concatenate([E, U, directions], axis=1)
-    return LinearRest(matrices.A, all_directions, np.concatenate([read, further]), nf, nu), columns
+    acting = B[:, :, :-nf] * model.acting
+    direct, p = prepared.direct, model.parameters
+    slopes = np.zeros((p, *direct.value.shape)) if direct.slopes is None else direct.slopes
+    return RateTables(
+        A, acting, B[:, :, -nf:], C, D[:, 0, :, -nf:], np.concatenate([direct.value[None], slopes]),
+        np.kron(np.eye(2), rows) * model.scale, tuple(law.bound for law in laws),
+        _by_parameters(model, eta, laws),
+    )  # fmt: skip
 
 
 def bound_laws(model: ParametricModel, eta: Array) -> tuple[BoundLaw, ...]:

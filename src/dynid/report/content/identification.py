@@ -73,6 +73,7 @@ def method(result: Result) -> str:
         start = f" from {stage}" if begun else f" after {stage}"
     how = {
         "filter": f"{passes} filter pass{'es' if passes > 1 else ''}",
+        "sigma-point": f"{passes} filter pass{'es' if passes > 1 else ''}, sigma points",
         "output-error": "maximum likelihood",
         "invariant-imbedding": "invariant imbedding",
         "auto": f"maximum likelihood{start}",

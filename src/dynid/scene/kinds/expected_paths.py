@@ -343,7 +343,7 @@ def _absence_in_identification(model: IdentificationScene, group: str, name: str
         return f"measured modes alone have no '{group}'; it is of records"
     if measurement.frf is not None and group in _OF_TIME:
         return f"frequency responses have no '{group}'; it is of records of time"
-    passes = estimator.method == "filter" and estimator.passes != 1
+    passes = estimator.method in ("filter", "sigma-point") and estimator.passes != 1
     methods = {"innovations": passes, "first_pass": passes or estimator.method == "auto"}
     if not methods.get(group, True):
         return f"'{group}' comes with several passes of the method 'filter' of the 'estimator'"

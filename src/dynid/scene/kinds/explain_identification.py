@@ -224,10 +224,12 @@ def _of_record(scene: Scene[IdentificationScene], likelihood: Likelihood) -> Ite
 
 def _of_estimator(estimator: EstimatorModel, *, frf: bool) -> Iterator[Fact]:
     passes = estimator.passes or FILTER_PASSES.value
+    many = f"{passes} pass{'es' if passes > 1 else ''} over the record"
     said = {
         "auto": f"{ESTIMATOR.sentence.format(value=ESTIMATOR.value)}; more passes and other starts only "
         "where the residuals ask for them",
-        "filter": f"filter: {passes} pass{'es' if passes > 1 else ''} over the record",
+        "filter": f"filter: {many}",
+        "sigma-point": f"sigma-point: {many}; of several the first is linearised",
         "output-error": "output-error: maximum likelihood from the starts, at most "
         f"{estimator.iterations or 50} steps",
         "invariant-imbedding": "invariant-imbedding: one integration of eqs 19 and 20 over the record",

@@ -165,10 +165,11 @@ def _prior(entry: DefinedParameter) -> ParameterPrior | None:
     return ParameterPrior(float(prior.value), **stated)
 
 
-#: Module and class of every estimator; only the requested one is imported.
+#: Module and class, or function, of every estimator; only the requested one is imported.
 _ESTIMATORS = {
     "auto": ("auto", "Auto"),
     "filter": ("filter_passes", "Filter"),
+    "sigma-point": ("filter_passes", "sigma_point_filter"),
     "output-error": ("maximum_likelihood", "OutputError"),
     "invariant-imbedding": ("imbedding", "InvariantImbedding"),
 }

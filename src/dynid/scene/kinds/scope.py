@@ -32,6 +32,7 @@ _SOLVERS = ("dense matrices", "sparse Lanczos")
 _ENGINES = {
     "auto": ["filter", "maximum likelihood"],
     "filter": ["filter"],
+    "sigma-point": ["filter"],
     "output-error": ["maximum likelihood"],
     "invariant-imbedding": ["invariant imbedding"],
 }

@@ -44,13 +44,13 @@ from dynid.suggestions import did_you_mean
 if TYPE_CHECKING:
     from dynid.scene.schema.bond_graph import AnalysisModel
 
-#: The method that an option belongs to.
+#: The methods that an option belongs to.
 _OPTIONS = {
-    "passes": "filter",
-    "iterations": "output-error",
-    "noise_ratio": "invariant-imbedding",
-    "input_deviation": "invariant-imbedding",
-    "tolerance": "invariant-imbedding",
+    "passes": ("filter", "sigma-point"),
+    "iterations": ("output-error",),
+    "noise_ratio": ("invariant-imbedding",),
+    "input_deviation": ("invariant-imbedding",),
+    "tolerance": ("invariant-imbedding",),
 }
 
 
@@ -76,7 +76,7 @@ LawKind = Literal[
 class EstimatorModel(Section):
     """Method of identification and its options."""
 
-    method: Literal["auto", "filter", "output-error", "invariant-imbedding"] = ESTIMATOR.value
+    method: Literal["auto", "filter", "sigma-point", "output-error", "invariant-imbedding"] = ESTIMATOR.value
     passes: int | None = Field(default=None, ge=1, le=100, strict=True)
     iterations: int | None = Field(default=None, ge=1, le=1000, strict=True)
     noise_ratio: Positive | None = None
@@ -103,9 +103,10 @@ class EstimatorModel(Section):
                 f"'{self.method}' has none: leave 'loss' out, or change 'method'"
             )
         for option in self.model_fields_set - {"method", "loss", "laws"}:
-            method = _OPTIONS[option]
-            if self.method != method:
-                raise fault(f"'{option}' belongs to the method '{method}', not to '{self.method}'")
+            if self.method not in (methods := _OPTIONS[option]):
+                named = "' and '".join(methods)
+                belongs = f"belongs to the method{'s' * (len(methods) > 1)} '{named}'"
+                raise fault(f"'{option}' {belongs}, not to '{self.method}'")
         return self
 
     def options(self) -> dict[str, int | float]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.native import call, structure
+from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.nonlinear.tables import (
     NODES,
     SCAN,
@@ -46,6 +47,25 @@ def _plain(array: Any) -> Array:
 
 def _padded(numbers: Sequence[float], width: int) -> list[float]:
     return [*numbers, *[0.0] * (width - len(numbers))]
+
+
+def law_tables(laws: Sequence[BoundLaw]) -> dict[str, Any]:
+    """Return codes, rows, options, values and offsets of laws, as the code has them."""
+    return {
+        "codes": np.array([law.law.code for law in laws], dtype=np.int64),
+        "places": np.array([law.row for law in laws], dtype=np.int64),
+        "options": _plain([_padded(law.law.options, _OPTIONS) for law in laws]),
+        "values": _plain([_padded(law.values, _PARAMETERS) for law in laws]),
+        "offsets": _plain([law.offset for law in laws]),
+    }
+
+
+def by_law_tables(laws: Sequence[BoundLaw], by_laws: Sequence[Array] | None, p: int) -> Array:
+    """Return the derivatives of the parameters of laws and, last, of their offsets (laws x slopes x p)."""
+    out = np.zeros((len(laws), _SLOPES, p))
+    for table, by in zip(out, by_laws or (), strict=False):
+        table[: len(by) - 1], table[-1] = by[:-1], by[-1]
+    return out
 
 
 def march(
@@ -90,16 +110,12 @@ def march(
     }  # fmt: skip
     fixed: dict[str, Any] = {
         "rows": rest.all_rows, "D": rest.D, "rate_A": acceleration @ rest.A, "rate_D": acceleration @ rest.D,
-        "codes": np.array([law.law.code for law in laws], dtype=np.int64),
-        "places": np.array([law.row for law in laws], dtype=np.int64),
-        "options": [_padded(law.law.options, _OPTIONS) for law in laws],
-        "values": [_padded(law.values, _PARAMETERS) for law in laws],
-        "offsets": [law.offset for law in laws],
+        **law_tables(laws),
         "statics": [
             [float(f.value), float(f.d), *_padded([float(s) for s in f.p], _PARAMETERS)]
             for f in (law.static for law in laws)
         ],
-        "by_laws": np.zeros((nl, _SLOPES, p)),
+        "by_laws": by_law_tables(laws, None if columns is None else columns.laws, p),
         "by_rows": np.zeros(0), "by_loads": np.zeros(0), "by_forces": np.zeros(0),
         "h": lengths, "fades": np.exp(-regimes.fading(state["state"].tolist()) * lengths),
         "coefficients": steps.coefficients, "nodes": c, "basis": L, "integrals": integrals,
@@ -112,8 +128,6 @@ def march(
         "which": which.astype(np.int64), "sample": sample,
     }  # fmt: skip
     if columns is not None:
-        for index, by in enumerate(columns.laws):
-            fixed["by_laws"][index, : len(by) - 1], fixed["by_laws"][index, -1] = by[:-1], by[-1]
         fixed |= {"by_rows": columns.by_rows, "by_loads": columns.by_loads, "by_forces": columns.by_forces}
     integers = {"codes", "places", "which", "sample"}
     fixed = {name: array if name in integers else _plain(array) for name, array in fixed.items()}
