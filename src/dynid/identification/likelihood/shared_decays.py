@@ -109,23 +109,21 @@ def shared_triangles(decays: FreeDecays, blocks: Iterable[tuple[NDArray[np.int64
     They are block triangular, with the products of these columns. `blocks`: samples (k), and the columns of
     all channels at these (k x w x channels).
     """
-    R = inside = rest = None
+    before: tuple[Array, Array, Array] | None = None
+    w = channels = 0
     for samples, columns in blocks:
         _, w, channels = columns.shape
-        R_block, inside_block, left = _projected(decays.columns[samples], columns.reshape(len(samples), -1))
+        R, inside, left = _projected(decays.columns[samples], columns.reshape(len(samples), -1))
         rows = [left]
-        if R is None:
-            R, inside = R_block, inside_block
-        else:
-            R, inside, left = _projected(np.concatenate([R, R_block]), np.concatenate([inside, inside_block]))
-            rows += [left, rest]
+        if before is not None:
+            R, inside, left = _projected(*map(np.concatenate, zip(before[:2], (R, inside), strict=True)))
+            rows += [left, before[2]]
         stacked = np.concatenate(rows).reshape(-1, w, channels).swapaxes(1, 2)
         none = np.zeros((*stacked.shape[:2], 0)), np.zeros(stacked.shape[:2]), np.ones(channels)
         triangles, _ = kernels.triangles(none[0], stacked, *none[1:])
-        rest = triangles[:, :w, :w].transpose(1, 2, 0).reshape(w, -1)
-    assert R is not None
-    assert inside is not None
-    assert rest is not None
+        before = R, inside, triangles[:, :w, :w].transpose(1, 2, 0).reshape(w, -1)
+    assert before is not None
+    R, inside, rest = before
     n = decays.columns.shape[1]
     factors = np.zeros((channels, n + w, n + w))
     factors[:, : len(R), :n] = R @ decays.weights

@@ -552,7 +552,7 @@ class TimeRecord(RecordLikelihood):
             there = ~np.isnan(fit.residual[:, c])
             outputs, residual = predicted.outputs[:, 0] / rms, fit.residual[:, c] / rms
             measured = np.nan_to_num(fit.measured[:, c]) / rms
-            if decays is None:
+            if decays is None or inside is None:
                 by_state = np.ascontiguousarray(predicted.by_state[:, 0]) @ (self.root / rms)
             else:
                 by_state = np.asarray(inside @ (decays.weights[c] @ (self.root / rms)))
