@@ -94,11 +94,15 @@ class ModalSolution:
         """True if the modes are those of a damped structure."""
         return np.iscomplexobj(self.shapes)
 
+    def _powers(self, pole: Any) -> dict[str, Any]:
+        """Return the factors of mass, damping, stiffness and loss in ``Z`` at a pole, or at several."""
+        if not self.damped:
+            return {"M": (pole**2).real, "C": 0.0, "K": 1.0, "H": 0.0}
+        return {"M": pole**2, "C": pole, "K": 1.0, "H": 1j}
+
     def _forces(self, pole: complex, shape: Vectors, slopes: Sequence[Mapping[str, Matrix]]) -> Vectors:
         """Return ``-Z' psi`` for each parameter (n x p)."""
-        powers: dict[str, Any] = {"M": pole**2, "C": pole, "K": 1.0, "H": 1j}
-        if not self.damped:
-            powers = {"M": (pole**2).real, "C": 0.0, "K": 1.0, "H": 0.0}
+        powers = self._powers(pole)
         forces = np.zeros((len(shape), len(slopes)), dtype=self.shapes.dtype)
         for j, changes in enumerate(slopes):
             for letter, change in changes.items():
@@ -113,19 +117,25 @@ class ModalSolution:
         return pole * B + np.asarray(C @ span) if self.damped else B
 
     @guarded("the derivatives of the modes")
-    def pole_slopes(
-        self, pole: complex, shape: Vectors, slopes: Sequence[Mapping[str, Matrix]]
-    ) -> ComplexArray:
-        """Return the derivatives of a pole by the parameters (p).
+    def pole_slopes(self, pole: Any, shape: Vectors, slopes: Sequence[Mapping[str, Matrix]]) -> ComplexArray:
+        """Return the derivatives of a pole by the parameters (p), or of several poles (k x p).
 
-        `pole`, `shape`: the pole and its shape (n); of equal poles a shape of their span that stays one;
-        `slopes`: derivatives of the matrices by each parameter (p), as of `StructuralModel.slopes`.
+        `pole`, `shape`: the pole and its shape (n), or poles (k) and shapes (n x k); of equal poles shapes of
+        their span that stay ones; `slopes`: derivatives of the matrices by each parameter (p), as of
+        `StructuralModel.slopes`.
         """
-        work = shape @ self._forces(pole, shape, slopes)
-        slopes_of_pole = np.asarray(work / (shape @ self._border(pole, shape)))
+        powers = self._powers(pole)
+        work = np.zeros((len(slopes), *np.shape(pole)), dtype=self.shapes.dtype)
+        for j, changes in enumerate(slopes):
+            for letter, change in changes.items():
+                if np.any(powers[letter]):
+                    products = np.sum(shape * np.asarray(change @ shape), axis=0)
+                    work[j] -= powers[letter] * products
+        slopes_of_pole = np.asarray(work / np.sum(shape * self._border(pole, shape), axis=0), dtype=complex)
         if not self.damped:  # of -omega^2 / 2, from which that of the pole j omega follows
-            slopes_of_pole = slopes_of_pole / pole if pole else np.zeros(len(slopes))
-        return np.asarray(slopes_of_pole, dtype=complex)
+            still = np.zeros_like(slopes_of_pole)
+            slopes_of_pole = np.divide(slopes_of_pole, pole, out=still, where=np.asarray(pole) != 0)
+        return slopes_of_pole.T
 
     @guarded("the derivatives of the modes")
     def shape_slopes(self, mode: int, span: Sequence[int], slopes: Sequence[Mapping[str, Matrix]]) -> Vectors:

@@ -185,7 +185,8 @@ class Scheduler:
                 lost.append(chunk)
             else:
                 self.chunks.learn(len(chunk), done.seconds, len(done.outcomes.content))
-                self.pool.expect(self._left(len(chunk), done.seconds))
+                # On a loaded machine the clock would tell of others' work.
+                self.pool.expect(self._left(len(chunk), done.processor_seconds))
                 self.given_up = 0
                 chunks.append((chunk, done.outcomes))
         if chunks:

@@ -45,10 +45,11 @@ class Job:
 
 @dataclass(frozen=True)
 class Done:
-    """Result of a chunk: the outcomes in order, and the time they took, s."""
+    """Result of a chunk: the outcomes in order, and the time they took, s, on the clock and of processors."""
 
     outcomes: Packed
     seconds: float
+    processor_seconds: float
 
 
 def run_chunk(job: Job, overrides: Sequence[Mapping[str, Any]]) -> Done:
@@ -57,9 +58,9 @@ def run_chunk(job: Job, overrides: Sequence[Mapping[str, Any]]) -> Done:
         problem = f"a worker on {socket.gethostname()} has dynid {__version__}, and the study {job.version}"
         raise FileError(problem, remedy="Install the same version on all workers, and run the study again.")
     template = _template(job.text, job.file)
-    started = time.perf_counter()
+    started = time.perf_counter(), time.process_time()
     outcomes = packed(run_batch(template, overrides, job.collect, meets))
-    return Done(outcomes, time.perf_counter() - started)
+    return Done(outcomes, time.perf_counter() - started[0], time.process_time() - started[1])
 
 
 @lru_cache(maxsize=4)

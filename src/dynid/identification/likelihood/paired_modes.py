@@ -70,16 +70,15 @@ def paired_modes(
     pair_mac = np.full(r, np.nan)
     turned: dict[int, Any] = {}
     scatter, form = measured.deviations()[2], error[-1] if s else 0.0
+    if np.isnan(target).all(axis=0).any():
+        slopes_of_modes = solution.pole_slopes(solution.poles, solution.shapes, slopes)
     for k, pair in enumerate(pairs.tolist()):
         near = np.flatnonzero(np.abs(omega - omega[pair]) <= close * omega[pair])
         span = [pair, *[j for j in near.tolist() if j != pair]]
         there = ~np.isnan(target[:, k])
         if not there.any():  # of equal modes without a shape the mean
             poles[k] = solution.poles[pair]
-            pole_slopes = [
-                solution.pole_slopes(solution.poles[j], solution.shapes[:, j], slopes) for j in span
-            ]
-            by_pole[k] = np.mean(pole_slopes, axis=0)
+            by_pole[k] = np.mean(slopes_of_modes[span], axis=0)
             continue
         for j in span:
             if j not in turned:
