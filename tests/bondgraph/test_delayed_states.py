@@ -8,7 +8,7 @@ import pytest
 import dynid
 from dynid.bondgraph.delayed_response import delayed_response
 from dynid.bondgraph.delayed_states import delay_system
-from dynid.errors import NumericalError, SceneError, Singular, UsageError
+from dynid.errors import NumericalError, Singular, UsageError
 from dynid.scene.batch import run_batch
 from dynid.scene.kinds.bond_graph import question
 from dynid.scene.load import check_source
@@ -89,11 +89,6 @@ def test_what_is_too_long_or_advanced_is_refused():
     )
     with pytest.raises(NumericalError, match="advanced"):
         dynid.run(scene(advanced.replace("DELAY", "1").replace("INPUT", "")))
-    law = MASS.replace("value: 1}}", "value: 1}, R: {type: R, law: {e: 'f + f**3'}}}").replace(
-        "j -> m]", "j -> m, j -> R]"
-    )
-    with pytest.raises(SceneError, match="the response of nonlinear laws is not computed"):
-        scene(law.replace("DELAY", "1").replace("INPUT", ""))
 
 
 def test_a_feed_forward_with_a_delay_has_zeros_of_its_own():

@@ -278,7 +278,10 @@ class Circuit:
 
     def measure(self, port: Port, owner: str) -> tuple[str, Real]:
         """Return a junction whose common variable, times a factor, is a variable of the graph."""
+        stored = self.graph.is_state(port) and port.node not in (self.lawful or ())
         behind, node = self.graph.behind(port), self.graph.nodes[port.node]
+        if port.quantity in "qp" and not stored:
+            behind = Port(port.node, "f" if port.quantity == "q" else "e")
         at = self.variables.get(port, port).node
         if node.type not in JUNCTIONS and port not in self.variables:
             kind: NodeType = "0" if behind.quantity == "e" else "1"
@@ -292,7 +295,7 @@ class Circuit:
                 bond = self.bonds[index]
                 self.bonds[index : index + 1] = [Bond(bond.tail, sensor), Bond(sensor, bond.head)]
             at = self._sensors[key]
-        if self.graph.is_state(port) and port.node not in (self.lawful or ()):
+        if stored:
             value: Real = node.dependent or self.graph.value(port.node)
             return at, bond_sign(self.graph, port.node) * value
         if port.quantity in "qp":

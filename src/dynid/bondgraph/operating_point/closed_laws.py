@@ -14,6 +14,7 @@ from fractions import Fraction
 import numpy as np
 
 from dynid.arithmetic.expression import parse
+from dynid.arithmetic.ldl import reference as value_of
 from dynid.arrays import Array
 from dynid.bondgraph.controller_circuits import Loop, close_loops
 from dynid.bondgraph.graph import ONE_PORTS, Port
@@ -35,6 +36,7 @@ class RestingGraph:
     inputs: Mapping[str, Fraction | float]  # constant values of sources; others are zero
     values: Mapping[Port, float]  # of variables at rest; others follow from them
     outputs: tuple[Port, ...]
+    delayed: tuple[tuple[str, Port, float], ...] = ()  # sources of delayed answers, the answers, delays in s
     integrals: tuple[Port, ...] = ()  # states of no storage whose values at the start determine the point
     bonds: Array | None = None  # of a graph without loops: efforts and flows at rest, by its bonds
 
@@ -56,7 +58,7 @@ def resting_graph(
     if not loops:
         assert point is not None
         shared = point.solution.z[: 2 * len(graph.bonds)]
-        return RestingGraph(model, inputs, values, tuple(outputs), integrals, shared)
+        return RestingGraph(model, inputs, values, tuple(outputs), (), integrals, shared)
     names = {*graph.nodes, *(name for loop in loops for name in (loop.reference, loop.setpoint))}
     rests: dict[str, Fraction | float] = {}
     closed_loops = []
@@ -70,7 +72,9 @@ def resting_graph(
             rests[setpoint] = value
         names |= {reference, setpoint}
         closed_loops.append(replace(loop, reference=reference, setpoint=setpoint))
-    closed = close_loops(graph, closed_loops, lawful=model.laws)
+    closed = close_loops(graph, closed_loops, cut=True, lawful=model.laws)
+    delays = [float(value_of(loop.delay)) for loop in closed_loops if loop.delayed]
+    delayed = tuple((*pair, delay) for pair, delay in zip(closed.delayed, delays, strict=True))
     laws = dict(model.laws)
     for node, answer, limits in closed.limited:
         bounds = {"low": limits.low, "high": limits.high}
@@ -82,7 +86,7 @@ def resting_graph(
     }
     values = {moved.get(port, port): value for port, value in values.items()}
     ports = tuple(moved.get(port, port) for port in outputs)
-    return RestingGraph(LawGraph(closed.graph, laws), inputs | rests, values, ports, integrals)
+    return RestingGraph(LawGraph(closed.graph, laws), inputs | rests, values, ports, delayed, integrals)
 
 
 def _at_rest(point: OperatingPoint | None, port: Port, model: LawGraph) -> float:

@@ -8,8 +8,9 @@ methods), twice at different tolerances: their difference estimates the error.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ import numpy as np
 from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.graph import ONE_PORTS, GraphUnits, Port, unit_quotient
+from dynid.bondgraph.operating_point.answer_history import History, delayed_borders
 from dynid.bondgraph.operating_point.closed_laws import RestingGraph, resting_graph
 from dynid.bondgraph.operating_point.element_laws import LawGraph
 from dynid.bondgraph.operating_point.equations import LawEquations
@@ -240,13 +242,17 @@ class _Run:
         self._equations = equations = LawEquations(model, [*outputs, *resting.integrals])
         if equations.size > _MAX_VARIABLES:
             raise NumericalError(f"the graph has {equations.size} variables, more than {_MAX_VARIABLES}")
-        self._sources = tuple(dict.fromkeys([*inputs, *(name for name, _ in signals)]))
+        self._delayed = resting.delayed
+        late = [source for source, _, _ in resting.delayed]
+        self._sources = tuple(dict.fromkeys([*inputs, *(name for name, _ in signals), *late]))
         self._rest = np.array([float(inputs.get(name, 0)) for name in self._sources])
         self._first = 2 * len(model.graph.bonds)
         z = self._point(resting)
         self._dynamics = LawDynamics(equations, z, self._sources)
         self._c = self._dynamics.at_point(self._rest)
         self._columns = [equations.column(port) for port in outputs]
+        self._answers = [equations.column(port) for _, port, _ in resting.delayed]
+        self._history = History(len(self._answers))
         self._z, self._x = z, self._with_energy(z, initial)
         self._check_causality()
 
@@ -282,7 +288,7 @@ class _Run:
         N, driven = self._dynamics.constraints(self._c, self._z[self._first :], self._rest)
         if not N.shape[1]:
             return
-        moving = {name for name, _ in self._signals}
+        moving = {*(name for name, _ in self._signals), *(source for source, _, _ in self._delayed)}
         columns = [k for k, name in enumerate(self._sources) if name in moving]
         if np.abs(driven[:, columns]).max(initial=0.0) > 1e-9:
             raise NumericalError(
@@ -297,6 +303,7 @@ class _Run:
         from scipy.integrate import solve_ivp
 
         dynamics, x = self._dynamics, self._x.copy()
+        self._history = History(len(self._answers))
         left = _MOST_EVALUATIONS + _MOST_BY_SAMPLE * len(self._times)
         outputs = np.zeros((len(self._times), len(self._columns)))
         outputs[0] = self._outputs(float(self._times[0]), x, float(self._times[0]))
@@ -325,7 +332,8 @@ class _Run:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # of failed steps; the error below says it
                 atol = tolerance * size
-                solved = solve_ivp(rates, (start, stop), x, "LSODA", at, rtol=tolerance, atol=atol)
+                options = {"rtol": tolerance, "atol": atol, "dense_output": bool(self._delayed)}
+                solved = solve_ivp(rates, (start, stop), x, "LSODA", at, **options)
             if not solved.success:
                 reached = solved.t[-1] if len(solved.t) else start  # no sample was reached
                 raise NumericalError(
@@ -336,7 +344,14 @@ class _Run:
             for row, t, state in zip(np.flatnonzero(inside), solved.t, solved.y.T, strict=False):
                 outputs[row] = self._outputs(float(t), state, middle)
             x = solved.y[:, -1]
+            if self._delayed:
+                course = partial(self._answered, solved.sol, middle)
+                self._history.add(start, stop, course, tolerance)
         return outputs
+
+    def _answered(self, states: Callable[[float], Array], middle: float, t: float) -> Array:
+        """Return the answers that arrive late, at a time."""
+        return self._variables(t, states(t), middle)[self._answers]
 
     def _pieces(self) -> list[tuple[float, float]]:
         """Return the intervals between the jumps and kinks of the inputs."""
@@ -344,17 +359,22 @@ class _Run:
         inner = [signal.breakpoints(first, last) for _, signal in self._signals]
         ends = np.unique(np.concatenate([[first, last], *inner]))
         ends = ends[(ends >= first) & (ends <= last)]
-        return [(float(a), float(b)) for a, b in pairwise(ends)]
+        delays = [delay for _, _, delay in self._delayed]
+        return [*pairwise(delayed_borders(ends.tolist(), delays, last) if delays else ends.tolist())]
 
     def _inputs(self, t: float, middle: float) -> Array:
         u = self._rest.copy()
         for name, signal in self._signals:
             states = signal.states(np.array([t]), np.array([middle]))
             u[self._sources.index(name)] += float(states[0] @ signal.generator()[1])
+        for k, (source, _, delay) in enumerate(self._delayed):
+            u[self._sources.index(source)] += self._history.at(k, t - delay, middle - delay)
         return u
 
     def _outputs(self, t: float, x: Array, middle: float) -> Array:
+        return (self._variables(t, x, middle) - self._z)[self._columns]
+
+    def _variables(self, t: float, x: Array, middle: float) -> Array:
         u = self._inputs(t, middle)
         self._c = self._dynamics.unknowns(self._c, x, u)
-        now = np.concatenate([self._dynamics.efforts_and_flows(self._c, u), x])
-        return np.asarray((now - self._z)[self._columns])
+        return np.concatenate([self._dynamics.efforts_and_flows(self._c, u), x])

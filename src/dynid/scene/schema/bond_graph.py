@@ -567,13 +567,9 @@ class BondGraphScene(ComposedScene):
         )
 
     def _nonlinear_faults(self) -> Iterator[Located]:
-        """Yield the time response of nonlinear laws or limits where delays or samples act on them."""
+        """Yield the time response of nonlinear laws or limits where lines or samples act on them."""
         control: ControlModel | None = self.control
-        from dynid.scene.schema.control import DELAY_REMEDY
-
-        if control is not None and control.delays:
-            where = f"where a loop has a delay; {DELAY_REMEDY}"
-        elif control is not None and control.sampled and self._nonlinear:
+        if control is not None and control.sampled and self._nonlinear:
             where = "with sampled loops; leave it out, or write the controllers without 'sample'"
         elif self.graph.lines:
             where = "with a line (TL); leave it out, or write the line as pieces of I and C"
