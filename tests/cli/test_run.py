@@ -107,6 +107,7 @@ def test_junit_counts_the_failures(dynid, value, failures):
     root = ElementTree.parse("j.xml").getroot()
     assert code == int(failures)
     assert (root.get("tests"), root.get("failures")) == ("1", failures)
+    assert float(root.get("time")) > 0
     assert len(root.findall(".//testcase")) == 1
     assert len(root.findall(".//failure")) == int(failures)
 

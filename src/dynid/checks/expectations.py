@@ -373,10 +373,11 @@ def _number(value: Any) -> complex | None:
 _NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 
 
-def junit_xml(outcomes: Iterable[CheckOutcome], name: str, error: str = "") -> str:
+def junit_xml(outcomes: Iterable[CheckOutcome], name: str, error: str = "", seconds: float = 0.0) -> str:
     """Return outcomes as a JUnit XML document, one test case each, in a suite with a name.
 
     `error` is the message of the error that ended the run before anything was checked: a case of its own.
+    `seconds`: what the run took, stated of the suite.
     """
     from xml.etree import ElementTree
 
@@ -387,7 +388,7 @@ def junit_xml(outcomes: Iterable[CheckOutcome], name: str, error: str = "") -> s
         "tests": str(len(cases) + bool(error)),
         "failures": str(failures),
         "errors": str(int(bool(error))),
-        "time": "0",
+        "time": f"{seconds:.3f}",
     }
     root = ElementTree.Element("testsuites", totals)
     suite = ElementTree.SubElement(root, "testsuite", totals | {"skipped": "0"})

@@ -105,7 +105,8 @@ def run(
             from dynid.store import read_result
 
             write_page(read_result(target), report)
-    outcomes = [] if rejection else checked_expectations(loaded, result, junit)
+    seconds = time.perf_counter() - started
+    outcomes = [] if rejection else checked_expectations(loaded, result, junit, seconds)
     from dynid.report import warnings, without_warnings
 
     if not quiet and not as_json:
@@ -159,8 +160,13 @@ def compute(scene: Scene, listener: Listener, *, accuracy: bool) -> Result:
     return result
 
 
-def checked_expectations(scene: Scene, result: Result, junit: str | None) -> list[CheckOutcome]:
-    """Check a result, in memory or stored, against its scene; write a JUnit file if one is named."""
+def checked_expectations(
+    scene: Scene, result: Result, junit: str | None, seconds: float
+) -> list[CheckOutcome]:
+    """Check a result, in memory or stored, against its scene; write a JUnit file if one is named.
+
+    `seconds`: what the run took.
+    """
     outcomes: list[CheckOutcome] = []
     if scene.model.expect:
         from dynid.checks import check_expectations
@@ -172,7 +178,7 @@ def checked_expectations(scene: Scene, result: Result, junit: str | None) -> lis
         from dynid.checks import junit_xml
         from dynid.file_access import replace_file
 
-        replace_file(junit, junit_xml(outcomes, Path(scene.source.file).stem).encode())
+        replace_file(junit, junit_xml(outcomes, Path(scene.source.file).stem, seconds=seconds).encode())
     return outcomes
 
 

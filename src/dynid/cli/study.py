@@ -188,7 +188,8 @@ def study(
             click.echo(f"\n  wrote {target}{more}")
         if sharded:
             return 0
-        return report_expectations(loaded, checked_expectations(loaded, result, junit), quiet)
+        seconds = time.perf_counter() - started
+        return report_expectations(loaded, checked_expectations(loaded, result, junit, seconds), quiet)
 
 
 def _plan_lines(

@@ -70,6 +70,15 @@ def plain_data(text: str) -> dict[str, Any]:
     return data if isinstance(data, dict) else {}
 
 
+def estimates(result: Result) -> dict[str, float]:
+    """Return the estimates of an identification by name; none where they are rejected, or there are none."""
+    group = "identification/parameters"
+    if f"{group}/estimate" not in result:
+        return {}
+    names, values = (result[f"{group}/{column}"].data.tolist() for column in ("parameter", "estimate"))
+    return dict(zip(names, values, strict=True))
+
+
 def frequency_unit(result: Result) -> FrequencyUnit:
     """Return the unit of frequencies in the scene of a result, or in the scene that a study varies."""
     if result.kind == "study" and "study/scene" in result:

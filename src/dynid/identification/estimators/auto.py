@@ -322,7 +322,10 @@ class Auto:
             if start is None and not waiting:
                 break
             number, stage, eta = (start[0], 0, start[1]) if start else heappop(waiting)[2:]
-            if stage < len(parts):
+            search.cut_off = search.left <= 0
+            if search.cut_off and search.tried:
+                return search.best()
+            if stage < len(parts) and not search.cut_off:
                 way = search.on_guides([parts[stage]], eta)
                 if way is not None:
                     coloured = parts[stage].whiteness(way) < WHITENESS_LEVEL
@@ -331,7 +334,7 @@ class Auto:
                 continue
             name = f"start {number} of {_BEST_STARTS}" if number else "records of growing length"
             search.attempt(name, partial(guided, (), eta), drawn=number > 0)
-            if search.accepted or search.agreed:
+            if search.accepted or search.agreed or search.cut_off:
                 return search.best()
         search.draw(parts[0], [parts], origin)
         return search.best()

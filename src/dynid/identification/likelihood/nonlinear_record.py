@@ -48,6 +48,10 @@ _MAX_QUARTERINGS = 6
 _SHORTER_STEPS = 4
 
 
+# A step of the march with its sensitivities takes as long as so many multiplications, whatever its size.
+_STEP_WORK = 30_000
+
+
 # Distance of numbers of hidden states, from -1 to 1, from which others are tried at an estimate; and the
 # logarithm of the likelihood that these must gain.
 _OTHER_HIDDEN, _BETTER_START = 0.5, 1e-2
@@ -78,6 +82,11 @@ class NonlinearRecord(TimeRecord):
     def nuisances(self) -> int:
         """Number of first states that are unknown, hidden ones included."""
         return self.model.states + self.hidden
+
+    @property
+    def evaluation_work(self) -> int:
+        """Multiplications of a prediction with its sensitivities, about."""
+        return super().evaluation_work + _STEP_WORK * len(self.times) * self._kept.get("steps", 1)
 
     @cached_property
     def root(self) -> Array:

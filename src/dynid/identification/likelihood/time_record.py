@@ -215,6 +215,12 @@ class TimeRecord(RecordLikelihood):
         """Number of physical states, whose initial values are unknown."""
         return self.model.states
 
+    @property
+    def evaluation_work(self) -> int:
+        """Multiplications of a prediction with its sensitivities, about."""
+        n = len(self.system_model.states)
+        return (len(self.times) + _TRANSITION_WORK * n) * n**2 * (1 + len(self.unknowns))
+
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:
         """Fit the initial state to `values` (times x channels) at coordinates of the parameters.
 
@@ -634,8 +640,7 @@ class TimeLikelihood(Likelihood):
     @property
     def most_evaluations(self) -> float:
         """Most evaluations that a search may take, from the work of one."""
-        sizes = ((len(record.times), len(record.system_model.states)) for record in self.records)
-        work = sum((rows + _TRANSITION_WORK * n) * n**2 for rows, n in sizes) * (1 + len(self.unknowns))
+        work = sum(record.evaluation_work for record in self.records)
         return max(_MIN_RECORD_EVALUATIONS, RECORD_SEARCH_WORK.value // max(1, work))
 
 

@@ -70,6 +70,7 @@ def method(result: Result) -> str:
         start = ", started by an EKF pass" * (stage == "a filter pass")
     else:
         begun = stage == "the start" or f"{_MEASURED}/omega" in result or has_modes(result)
+        stage = str(stage).replace("start ", "the multi-start grid, start ")
         start = f" from {stage}" if begun else f" after {stage}"
     how = {
         "filter": f"{passes} filter pass{'es' if passes > 1 else ''}",
@@ -142,7 +143,8 @@ def _compared_laws(result: Result) -> ReportSection:
     )
     heads = ("law", "log likelihood", "BIC - least", "p against linear", "distinguishable", "estimates")
     verdict = Statement(str(result.group_attrs[_LAWS]["verdict"]))
-    return ReportSection("Laws of joints", (TextTable(heads, rows, brief=ALL).filled(), verdict), screen="")
+    table = TextTable(heads, rows, brief=ALL).filled()
+    return ReportSection("Laws of joints", (table, verdict), "answer", screen="")
 
 
 def _computed_modes(result: Result) -> ReportSection:

@@ -28,6 +28,7 @@ from dynid.report.plot import (
     matrix_chart,
     series_class,
 )
+from dynid.report.scenes import estimates
 from dynid.result import Result
 
 GROUP = "identification/parameters"
@@ -118,7 +119,8 @@ def histories(result: Result) -> Iterator[Figure]:
     """Yield histories of parameters, and errors of states with known true values (Yang, Figs. 5, 8-10)."""
     passes, states = ("identification/history", "identification/first_pass"), "identification/states"
     title = "Parameters over the record"
-    yield from _figures_of_records(result, passes[0], "estimate", "history", title, _history)
+    if _follows_record(result, passes[0]):
+        yield from _figures_of_records(result, passes[0], "estimate", "history", title, _history)
     yield from _figures_of_records(
         result, passes[1], "estimate", "first-pass", f"{title}, first pass", _history
     )
@@ -130,6 +132,14 @@ def histories(result: Result) -> Iterator[Figure]:
     members = ("true", "estimate", "standard_deviation")
     yield from _figures_of_records(
         result, states, members[0], "smoothed-state-error", f"{title} at the estimate", _state_errors, members
+    )
+
+
+def _follows_record(result: Result, group: str) -> bool:
+    """Return True if estimates change over the record, as those of a filter do."""
+    return any(
+        path.startswith(group) and path.endswith("/estimate") and np.ptp(result[path].data, axis=0).any()
+        for path in result
     )
 
 
@@ -393,7 +403,7 @@ def _measured(result: Result, group: str, joint: int) -> tuple[Array, ...] | Non
 def _restoring_forces(result: Result, group: str) -> Chart:
     """Return the force of the laws over the deflection: of the model, and as the record has it."""
     names, columns = texts(result, f"{group}/joint")[:_JOINTS], dict[str, Array]()
-    subplots = []
+    subplots, springs = [], estimates(result)
     for k, name in enumerate(names):
         d, force, error = (
             result[f"{group}/{member}"].data[:, k] for member in ("deflection", "force", "force_deviation")
@@ -422,9 +432,21 @@ def _restoring_forces(result: Result, group: str) -> Chart:
                 height=260.0,
             )
         )
+        if (spring := springs.get(f"{name}.k")) is not None:
+            total = force + spring * d
+            columns[f"{name} force with its linear spring (N)"] = total
+            subplots.append(
+                Subplot(
+                    PlotAxis(f"{name} deflection ({_unit(result, f'{group}/deflection')})"),
+                    PlotAxis(f"laws and linear spring ({_unit(result, f'{group}/force')})"),
+                    [Curve(d, total, "model", series_class(0))],
+                    height=260.0,
+                )
+            )
     about = (
-        "Force of the laws over the deflection, without the linear spring and damper beside them. The force "
-        "of the record is that of the law with the difference that the residual shows, smoothed; bars: 95 %."
+        "Force of the laws over the deflection, alone and with the linear spring; without the damper. "
+        "The force of the record is that of the law with the difference that the residual shows, smoothed; "
+        "bars: 95 %."
     )
     return Chart(in_rows(subplots), about, table_of(columns))
 
@@ -465,17 +487,20 @@ def _force_histories(result: Result, group: str) -> Chart:
                 height=170.0,
             )
         )
-    regimes = result[f"{group}/regime"].data
+    regimes, changing = result[f"{group}/regime"].data, False
     for k, law in enumerate(texts(result, f"{group}/law")[:_JOINTS]):
         values = np.asarray(regimes[:, k], dtype=float)
         columns[law] = values
         if np.ptp(values) > 0:
+            changing = True
             curve = Curve(time, values, "", series_class(6))
             subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(law), [curve], height=70.0))
-    about = (
-        "Forces of the laws. Below, the regimes of laws that change theirs: of a slider 0 stuck and ±1 "
-        "slipping, of a gap 0 open and ±1 in contact."
-    )
+    about = "Forces of the laws."
+    if changing:
+        about += (
+            " Below, the regimes of laws that change theirs: of a slider 0 stuck and ±1 slipping, of a gap 0 "
+            "open and ±1 in contact."
+        )
     return Chart(in_rows(subplots, 1), about, table_of(columns), shared=True)
 
 

@@ -253,7 +253,7 @@ def _study_locus(numbers: StudyNumbers, parameter: StudyVariable, group: str) ->
 
 _FUNCTIONS, _LOCUS = "bond_graph/sensitivity_functions", "bond_graph/root_locus"
 #: Largest |L| that a Nyquist diagram shows: around -1 is where stability is decided.
-_REACH = 3.0
+_REACH = 2.0
 #: Most loops that are drawn.
 _LOOPS = 6
 #: Reach of a root locus in z around the unit circle; twice it at the most.

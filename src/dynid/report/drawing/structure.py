@@ -13,7 +13,7 @@ from dynid.report.drawing.structure_scene import (
     geometry_of,
 )
 from dynid.report.figure import Figure, FigureTable, Picture
-from dynid.report.scenes import scene_of
+from dynid.report.scenes import estimates, scene_of
 from dynid.report.svg import SMALL, Point, Svg, text_width
 from dynid.result import Result
 from dynid.structure.labels import node_direction, unsigned
@@ -29,7 +29,7 @@ def figures(result: Result) -> Iterator[Figure]:
     """Yield the schematic of a result's structure, where its scene defines one with a geometry."""
     geometry = plane_geometry(result)
     if geometry is not None:
-        attached = attachments_of(scene_of(result), geometry.labels)
+        attached = attachments_of(scene_of(result), geometry.labels, estimates(result))
         yield Figure("structure", "Structure", lambda: _picture(result.title, geometry, attached))
 
 

@@ -120,8 +120,13 @@ class Attachments:
     masters: tuple[Label, ...]
 
 
-def attachments_of(scene: Scene, labels: Sequence[Label]) -> Attachments:
-    """Return the attachments of the structure of a scene, whose DOFs have these labels."""
+def attachments_of(
+    scene: Scene, labels: Sequence[Label], estimates: Mapping[str, float] | None = None
+) -> Attachments:
+    """Return the attachments of the structure of a scene, whose DOFs have these labels.
+
+    Unknown values are those of the `estimates`, by name, or a question mark.
+    """
     model, names = scene.model, DofNames(labels)
     structure = model.structure
 
@@ -131,7 +136,7 @@ def attachments_of(scene: Scene, labels: Sequence[Label]) -> Attachments:
     def tied(tie: Any, dofs: Sequence[Label], joint: str = "") -> SpringDamper:
         ends = tuple(map(named, dofs))
         kinds = {"translation"} if structure.lumped is not None else set(map(kind, ends))
-        return _spring(scene, tie, ends, kinds, joint)
+        return _spring(scene, tie, ends, kinds, joint, estimates or {})
 
     ties = [tied(link, link.dofs) for link in (structure.lumped.links if structure.lumped else ())]
     for sprung in filter(None, (structure.beam, structure.frame)):
@@ -174,14 +179,23 @@ def _unknown(scene: Scene, quantity: Quantity) -> bool:
 
 
 def _spring(
-    scene: Scene, tie: Any, dofs: tuple[Label, ...], kinds: Collection[str], joint: str
+    scene: Scene,
+    tie: Any,
+    dofs: tuple[Label, ...],
+    kinds: Collection[str],
+    joint: str,
+    estimates: Mapping[str, float],
 ) -> SpringDamper:
     """Return a spring and damper between DOFs of these kinds, with values that are known single numbers."""
     values = {letter: value for letter in "kc" if (value := getattr(tie, letter)) is not None}
     texts = [joint] if joint else []
     for letter, value in values.items():
         parameter = isinstance(value, ParameterModel)
-        if parameter and value.start is not None:
+        expression = getattr(value.value if parameter else value, "expression", None)
+        name = expression.text if expression is not None else f"{joint}.{letter}"
+        if name in estimates:
+            texts.append(f"{letter} ≈ {short(estimates[name])} {unit_text(unit_of(letter, kinds))}".rstrip())
+        elif parameter and value.start is not None:
             texts.append(f"{letter} = ?" if value.matrix is None else f"{letter} = ? × matrix")
         elif (quantity := value.value if parameter else value) is None:
             texts.append(letter)
