@@ -42,13 +42,15 @@ def quantity(value: float, error: float | None = None) -> str:
 def with_error(value: float, error: float) -> str:
     """Return a number and its standard error, both to the second significant digit of the error.
 
-    An error below the sixth decimal is written as a power of ten; very large and very small numbers are too.
+    An error below the sixth decimal is a power of ten; very large and very small numbers share one with it.
     """
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return f"{quantity(value)} ± {quantity(error)}"
     digits = 1 - _exponent(error, 1)
     if value and not 1e-4 <= abs(value) < 1e7:
-        return f"{value:.{max(1, min(15, _exponent(value, 15) + digits))}e} ± {error:.1e}"
+        decimals = max(1, min(15, _exponent(value, 15) + digits))
+        mantissa, _, power = f"{value:.{decimals}e}".partition("e")
+        return f"({mantissa} ± {error / 10.0 ** int(power):.{decimals}f})e{power}"
     if digits > _MOST_DECIMALS:
         return f"{_fixed(value, min(digits, _reliable(value)))} ± {error:.1e}"
     return f"{_fixed(value, digits)} ± {_fixed(error, digits)}"

@@ -87,7 +87,7 @@ def json_data(data: Any, **attrs: str) -> Markup:
 _POWER = re.compile(r"(?:\*\*|\^)(-?\d+(?:\.\d+)?|\([^()]*\))")
 
 
-_EXPONENT = re.compile(r"(?<=\d)e([+-]\d{2,3})(?=j\b|\b(?!\.\d))")
+_EXPONENT = re.compile(r"(?<=[\d)])e([+-]\d{2,3})(?=j\b|\b(?!\.\d))")
 _CODE = re.compile(r"`([^`\n]+)`")
 _MINUS = re.compile(r"(?<![\w.)\]-])-(?=\d|∞)")
 

@@ -216,7 +216,8 @@ def _of_record(scene: Scene[IdentificationScene], likelihood: Likelihood) -> Ite
     if not (model.excitation or any(record.excitation for record in model.measurement.each)):
         yield Fact("sampling", f"no excitation is given; half the sampling rate is {unit.text(nyquist)}")
     elif band >= nyquist:
-        yield Fact("sampling", f"excited up to half the sampling rate, {unit.text(nyquist)}, and beyond")
+        said = f"the excitation may reach half the sampling rate, {unit.text(nyquist)}, and beyond"
+        yield Fact("sampling", f"{said}: between samples it is as its hold says")
     else:
         dense = f"{band * step:.2g}, {2 * math.pi / (band * step):.3g} samples a period"
         yield Fact("sampling", f"excited up to {unit.text(band)}: ω x step is {dense}")
