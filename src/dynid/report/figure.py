@@ -208,14 +208,14 @@ FAMILIES: tuple[_FigureFamily, ...] = (
     _FigureFamily(f"{_DRAWING}.space:figures", paths=("structure/geometry/",), scene=True),
     _FigureFamily(f"{_DRAWING}.prototype:equivalents", paths=("bond_graph/port/prototype",)),
     _FigureFamily(f"{_DIAGRAMS}.responses:designed_responses", paths=("bond_graph/design/",)),
-    _FigureFamily(f"{_DIAGRAMS}.responses:figures", paths=_FREQUENCY_RESPONSES),
-    _FigureFamily(f"{_DIAGRAMS}.poles:figures", paths=("bond_graph/transfer_function/",)),
-    _FigureFamily(f"{_DIAGRAMS}.poles:loops", paths=("bond_graph/margins/",)),
     _FigureFamily(
         f"{_DIAGRAMS}.responses:time_responses",
         paths=("bond_graph/time_response/", "structure/time_response/"),
     ),
     _FigureFamily(f"{_DIAGRAMS}.responses:steady_states", paths=("response/",)),
+    _FigureFamily(f"{_DIAGRAMS}.responses:figures", paths=_FREQUENCY_RESPONSES),
+    _FigureFamily(f"{_DIAGRAMS}.poles:figures", paths=("bond_graph/transfer_function/",)),
+    _FigureFamily(f"{_DIAGRAMS}.poles:loops", paths=("bond_graph/margins/",)),
     _FigureFamily(
         f"{_DIAGRAMS}.identification:joint_figures", paths=("structure/joints/", "identification/joints/")
     ),

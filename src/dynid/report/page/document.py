@@ -47,8 +47,8 @@ _ARRAYS, _LINES = 500, 3000
 _WIDTH, _WIDE = re.compile(r'<svg[^>]*\bwidth="([\d.]+)"'), 520
 #: Largest height of a figure beside the answer, px: with the widest column there, that of the style sheet.
 _TALL = 370.0
-#: Columns of figures beside the answer, of which a record takes two: two records and a figure at the most.
-_LEADING_COLUMNS = 5
+#: Columns of figures beside the answer.
+_LEADING_COLUMNS = 3
 _FIRST = ("created", "dynid_version", "python", "packages", "seed", "folder")
 
 #: Most rows of a table of the answer that are not folded.
