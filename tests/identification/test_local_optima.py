@@ -17,7 +17,7 @@ from dynid.identification.diagnosis.verdict import deciding_text
 from dynid.identification.estimators.auto import in_segments
 from dynid.identification.estimators.multi_start import Search, drawn_starts
 from dynid.identification.identify import identify
-from dynid.identification.likelihood import time_record
+from dynid.identification.likelihood import nonlinear_record, time_record
 from dynid.identification.likelihood.priors import Priors
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.lti.signals import Multisine
@@ -208,6 +208,23 @@ def test_of_ends_that_round_off_does_not_tell_apart_the_first_is_the_best(misfit
 
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+BEYOND_REASON = """
+dynid: 1
+kind: identification
+structure: {lumped: {masses: [1, 0.7], links: [{dofs: [1], k: 1.5e4, c: 5}]}}
+joints:
+  bolt:
+    dofs: [1, 2]
+    k: {start: 9000, true: 1.0e4}
+    c: {start: 4.1, true: 4}
+    laws: [{kind: cubic, k3: {start: 1.0e14, true: 2.0e8}}]
+excitation: [{dof: 2, kind: multisine, amplitude: [6, 6], frequency: [60, 120]}]
+measurement:
+  step: 0.0025
+  samples: 40
+  channels: [{dof: 1, quantity: velocity}, {dof: 2, quantity: velocity}]
+  simulate: {noise_ratio: 0.01, seed: 1}
+"""
 
 
 def test_a_search_beyond_its_budget_says_so(monkeypatch):
@@ -223,6 +240,26 @@ def test_a_search_beyond_its_budget_says_so(monkeypatch):
     assert "cut off after" in said
     assert "so many samples" in said
     assert not result.value("identification/diagnostics/converged")
+
+
+@pytest.mark.slow
+def test_a_search_of_laws_from_a_start_beyond_reason_ends_within_its_budget(monkeypatch, tmp_path):
+    """A cubic spring half a million times too stiff, which takes many steps between samples."""
+    marches, predicted = [], nonlinear_record.predicted
+
+    def counted(*arguments, **options):
+        marches.append(1)
+        assert len(marches) < 1000
+        return predicted(*arguments, **options)
+
+    monkeypatch.setattr(nonlinear_record, "predicted", counted)
+    monkeypatch.setattr(time_record, "RECORD_SEARCH_WORK", defaults.Limit(0, ""))
+    monkeypatch.setattr(time_record, "_MIN_RECORD_EVALUATIONS", 60)
+    path = tmp_path / "scene.yaml"
+    path.write_text(BEYOND_REASON)
+    with pytest.raises(DynidError, match="Start nearer to the true values") as refused:
+        run(load_scene(path))
+    assert not refused.value.result.value("identification/diagnostics/converged")
 
 
 @pytest.mark.parametrize(("gap", "relative"), [(0.5, 0.16), (2.0, 0.7), (250.0, 1.0)])

@@ -311,9 +311,20 @@ def _has_laws(model: Model) -> bool:
     return isinstance(model, StructuralModel) and model.nonlinear
 
 
+def _astray(posterior: Posterior) -> bool:
+    """Return True if a search was cut off, or ended where laws of joints explain nothing.
+
+    Nothing is sought beside such an estimate: there the likelihood is flat, and every step long.
+    """
+    superposes = all(record.superposes for record in posterior.likelihood.records)
+    return bool(posterior.estimate.cut_off) or (not superposes and bool(posterior.unexplained))
+
+
 def _undetermined(posterior: Posterior) -> dict[str, float]:
     """Return the parameter that the records determine least, if that is not at all, with a value for it."""
-    # None where the records have no response, or where no other parameter would be left.
+    # None where the records have no response, where no other parameter would be left, or at no optimum.
+    if _astray(posterior):
+        return {}
     unknown, likelihood = posterior.unknown, posterior.likelihood
     left = ~(unknown | likelihood.priors.fixed)
     if not (unknown.any() and left.any() and posterior.comparison.has_signal):
@@ -340,6 +351,8 @@ def _with_optima(
         stage.eta for stage in estimate.stages if stage.misfit < likelihood.misfit(posterior.fit) + DECIDED
     ]
     searched = _SEARCHED_STARTS if lost else 3 if posterior.optimal or estimate.disputed else 0
+    if _astray(posterior):
+        searched = 0
     if lost:  # what is fixed may make a valley of several optima
         ends += list(drawn_starts(likelihood.priors, posterior.fit.eta, 2 * searched, _SEARCHED_FACTOR, 0))
     at = likelihood_at if rebuild else None

@@ -349,7 +349,8 @@ class Posterior(Residuals):
         Raises Diverged, naming the parameters; or those without effect at the end of a search that found no
         optimum. Raises NotIdentifiable, naming those whose order of magnitude the records do not determine.
         """
-        unexplained, unknown = self.unexplained, self.unknown
+        unexplained = self.unexplained
+        unknown = np.zeros(len(self.values), dtype=bool) if unexplained else self.unknown
         # Of a record that is noise alone there is no estimate to refuse; the verdict states that.
         if (unexplained or unknown.any()) and not self.comparison.has_signal:
             return
