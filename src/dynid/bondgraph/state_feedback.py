@@ -74,7 +74,7 @@ def design_feedback(graph: BondGraph, request: FeedbackRequest) -> StateFeedback
         gains = _least_cost(*scaled, C * scale, D, request)
     else:
         gains = _placed(*scaled, request)
-    poles = np.linalg.eigvals(scaled[0] - scaled[1] @ gains)
+    poles = np.linalg.eigvals(scaled[0] - scaled[1] @ gains).astype(complex)
     return StateFeedback(request, gains / scale, poles[np.lexsort((poles.imag, -poles.real))])
 
 

@@ -332,8 +332,8 @@ class _Run:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # of failed steps; the error below says it
                 atol = tolerance * size
-                options = {"rtol": tolerance, "atol": atol, "dense_output": bool(self._delayed)}
-                solved = solve_ivp(rates, (start, stop), x, "LSODA", at, **options)
+                dense = bool(self._delayed)
+                solved = solve_ivp(rates, (start, stop), x, "LSODA", at, dense, rtol=tolerance, atol=atol)
             if not solved.success:
                 reached = solved.t[-1] if len(solved.t) else start  # no sample was reached
                 raise NumericalError(
@@ -344,7 +344,7 @@ class _Run:
             for row, t, state in zip(np.flatnonzero(inside), solved.t, solved.y.T, strict=False):
                 outputs[row] = self._outputs(float(t), state, middle)
             x = solved.y[:, -1]
-            if self._delayed:
+            if solved.sol is not None:
                 course = partial(self._answered, solved.sol, middle)
                 self._history.add(start, stop, course, tolerance)
         return outputs
