@@ -88,7 +88,7 @@ def by_filterpy(kind: str, record: NonlinearRecord, prior: Any, noise: Any) -> A
     return ukf.x, ukf.P
 
 
-def main(kind: str = "cubic", pairs: int = 11) -> None:
+def main(kind: str, pairs: int) -> None:
     """Print the medians of CPU time and their ratio."""
     case, values, noise, eta, _ = clean_record(kind, _SAMPLES)
     factors = np.full(len(eta), 1.02)
@@ -125,4 +125,5 @@ def main(kind: str = "cubic", pairs: int = 11) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:2], *map(int, sys.argv[2:3]))
+    asked = sys.argv[1:]
+    main(asked[0] if asked else "cubic", int(asked[1]) if asked[1:] else 11)

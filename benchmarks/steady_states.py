@@ -15,15 +15,18 @@ import statistics
 import sys
 import time
 import warnings
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from dynid.arrays import Array, ComplexArray
 from dynid.structure.assembly import Support
 from dynid.structure.damping import ProportionalDamping
 from dynid.structure.frame import beam
-from dynid.structure.joint_laws import Cubic, Jenkins
+from dynid.structure.joint_laws import Cubic, Jenkins, Law
 from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.model import StructuralModel
 from dynid.structure.model_laws import joint_law
 from dynid.structure.nonlinear.continuation import trace
 from dynid.structure.nonlinear.harmonic_balance import ForcedResponse, condensed
@@ -34,7 +37,7 @@ K3, FORCE, LOW, HIGH, HARMONICS, SAMPLES = 1e6, 1.0, 40.0, 60.0, 7, 64
 LONGEST = 0.4
 
 
-def structure(law, *parameters):
+def structure(law: Law, *parameters: float) -> tuple[StructuralModel, Any]:
     """Return the beam with a law at its tip, and the tip."""
     bare = beam(
         6, 1.0, 500.0, 3.0, supports=[Support(1, ("w", "theta"))], damping=ProportionalDamping(1.0, 1e-5)
@@ -44,7 +47,7 @@ def structure(law, *parameters):
     return bare.joined([joint]), tip
 
 
-def by_dynid(model, tip):
+def by_dynid(model: StructuralModel, tip: Any) -> tuple[Array, ComplexArray]:
     """Return frequencies, and amplitudes of the harmonics of all DOFs (points x harmonics x DOFs)."""
     modes = condensed(model, {}, (LOW + HIGH) / 2)
     equations = ForcedResponse(modes, modes.shapes.T @ model.row(tip), FORCE, HARMONICS)
@@ -55,7 +58,7 @@ def by_dynid(model, tip):
     return np.array([omega for omega, _ in points]), np.array([motion for _, motion in points])
 
 
-def by_pyharm(model, tip):
+def by_pyharm(model: StructuralModel, tip: Any) -> tuple[Array, ComplexArray]:
     """Return the same of pyHarm."""
     import pyHarm  # type: ignore[import-not-found,unused-ignore]
 
@@ -90,25 +93,25 @@ def by_pyharm(model, tip):
     return solutions[:, -1] * omega, motion
 
 
-def error(model, tip, omega, motion):
+def error(model: StructuralModel, tip: Any, omega: float, motion: ComplexArray) -> float:
     """Return the largest change of the tip over a period by DOP853, relative to its amplitude."""
     M, C, K = model.without_laws().dense({})
     n, at = len(M), model.dofs.index(tip)
     order = np.arange(len(motion))
     first = np.concatenate([motion.sum(axis=0).real, (1j * omega * order[:, None] * motion).sum(axis=0).real])
 
-    def rate(t, y):
+    def rate(t: float, y: Array) -> Array:
         force = -C @ y[n:] - K @ y[:n]
         force[at] += FORCE * np.cos(omega * t) - K3 * y[at] ** 3
         return np.concatenate([y[n:], np.linalg.solve(M, force)])
 
     t = np.linspace(0, 2 * np.pi / omega, 33)
-    y = solve_ivp(rate, t[[0, -1]], first, method="DOP853", rtol=1e-10, atol=1e-13, t_eval=t).y[at]
+    y = solve_ivp(rate, (0.0, t[-1]), first, method="DOP853", rtol=1e-10, atol=1e-13, t_eval=t).y[at]
     series = (motion[:, at] * np.exp(1j * np.outer(omega * t, order))).real.sum(axis=1)
     return float(np.abs(y - series).max() / np.abs(series).max())
 
 
-def cost(runs=5):
+def cost(runs: int = 5) -> None:
     """Print the processor time of 100 points, median of a few runs."""
     for name, (model, tip), force in (
         ("cubic", structure(Cubic(), K3), FORCE),
@@ -125,7 +128,7 @@ def cost(runs=5):
             print(f"{name}, {points} points, stability {stability}: {each:.2f} s for 100 points", flush=True)
 
 
-def main(pairs):
+def main(pairs: int) -> None:
     """Print errors, points and ratios of processor time."""
     warnings.simplefilter("ignore")
     logging.disable(logging.CRITICAL)

@@ -156,7 +156,9 @@ def test_one_mistake_is_one_sentence_at_its_place(right, wrong, fault):
 
 def test_a_scene_without_a_question_is_told_so():
     text = SCENE[: SCENE.index("measurement:")]
-    assert faults_of(text) == ["1:1: a scene needs a 'measurement' to identify from, or an 'analysis'"]
+    assert faults_of(text) == [
+        "1:1: a scene needs a 'measurement' to identify from, an 'analysis', or 'responses'"
+    ]
 
 
 @pytest.mark.parametrize("analysis", ["", "analysis: {frequency: {start: 1, stop: 2}}\n"])

@@ -319,7 +319,7 @@ class Iwan(Law):
         phi, a = self.slip(p)[0], chi + 1
         u = min(amplitude, phi)
         work = 4 * kt * u**2 * (u / phi) ** a * a / ((1 + beta) * (a + 1) * (a + 2))
-        return work + 4 * fs * (amplitude - u)
+        return float(work + 4 * fs * (amplitude - u))
 
     def fault(self, p: Sequence[float | None]) -> str:
         if p[2] is not None and p[2] <= -1:

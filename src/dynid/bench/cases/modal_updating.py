@@ -111,8 +111,10 @@ def _by_scipy(problem: _Problem, tolerance: float = 1e-8) -> Any:
         of_frequencies = squares / (2 * frequencies * measured)[:, None] / _NOISE
         return np.concatenate([of_frequencies, np.eye(_FIELDS) / _PRIOR])
 
-    tolerances = dict.fromkeys(("ftol", "xtol", "gtol"), tolerance)
-    return least_squares(residuals, np.ones(_FIELDS), slopes, method="lm", **tolerances).x
+    first = np.ones(_FIELDS)
+    return least_squares(
+        residuals, first, slopes, method="lm", ftol=tolerance, xtol=tolerance, gtol=tolerance
+    ).x
 
 
 def _error(dofs: int, estimates: Any) -> float:

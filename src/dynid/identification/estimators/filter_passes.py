@@ -168,10 +168,10 @@ def _sweep(
         n, size = record.model.states, len(prior.root)  # a triangular factor a sample
         record.system_model.evaluations += size**3 // (n**2 * (1 + record.model.parameters)) + 1
         if not record.superposes:
-            from dynid.identification.estimators.law_filter import (
-                law_filter_pass,  # of joints with laws alone
-            )
+            from dynid.identification.estimators.law_filter import law_filter_pass  # of laws alone
+            from dynid.identification.likelihood.nonlinear_record import NonlinearRecord
 
+            assert isinstance(record, NonlinearRecord)
             return law_filter_pass(record, prior, noise[k], origin, sigma_points=sigma_points)
         return filter_pass(record.model, record.data.values, prior, noise[k], origin)
 

@@ -324,4 +324,4 @@ class _Walk:
 
 def _triangle(D: Array) -> Array:
     """Return the lower triangular root (rows x rows) of D D^T."""
-    return np.asarray(np.linalg.qr(D.T, mode="r").T)
+    return np.transpose(np.linalg.qr(D.T, mode="r"))

@@ -86,7 +86,7 @@ class NonlinearRecord(TimeRecord):
     @property
     def evaluation_work(self) -> int:
         """Multiplications of a prediction with its sensitivities, about."""
-        return super().evaluation_work + _STEP_WORK * len(self.times) * self._kept.get("steps", 1)
+        return super().evaluation_work + _STEP_WORK * len(self.times) * int(self._kept.get("steps", 1))
 
     @cached_property
     def root(self) -> Array:

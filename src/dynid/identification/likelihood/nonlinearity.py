@@ -235,7 +235,7 @@ def _by_channel(
             responses = _responses(record, fit, joints, forces, channels)
             finite("the responses to forces at the joints", responses)  # of predictions that grow
             held[number] = responses.reshape(len(responses), len(forces), -1)
-        return held[number][channel % width]
+        return np.asarray(held[number][channel % width])
 
     return of_channel
 

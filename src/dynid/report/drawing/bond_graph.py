@@ -133,9 +133,10 @@ def _graph_of(scene: Scene) -> DrawnGraph:
     for loop in loops:
         controllers.setdefault(loop.source, []).extend(_controller_notes(loop))
     feedback = model.control.states if model.control is not None else None
+    fed_back = feedback.states if feedback is not None else ()
     for source in feedback.sources if feedback is not None else ():
-        driven += tuple((holder(port.node), source) for port in feedback.states)
-        controllers[source] = [f"gains of {counted(len(feedback.states), 'state')}"]
+        driven += tuple((holder(port.node), source) for port in fed_back)
+        controllers[source] = [f"gains of {counted(len(fed_back), 'state')}"]
     sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
     inputs = (analysis.inputs if analysis is not None else None) or sources
     return DrawnGraph(

@@ -257,7 +257,7 @@ class ForcedResponse:
     @staticmethod
     def order(q: Array) -> int:
         """Return the number of harmonics of deflections."""
-        return q.shape[1] // 2
+        return int(q.shape[1] // 2)
 
     def compliance(
         self, Z: ComplexArray, right: Array | ComplexArray, q: Array, forces: JointForces
