@@ -1,6 +1,7 @@
 """Programs: what is refused when they are written, and how their parts are named."""
 
 from fractions import Fraction
+from weakref import WeakSet
 
 import pytest
 from flint import nmod
@@ -69,6 +70,31 @@ def test_parameters_are_those_that_a_register_is_made_of(program):
     ratio = program.div(program.mul(program.s, x), program.add(program.neg(y), program.constant(2)))
     assert program.parameters([ratio]) == {"x", "y"}
     assert program.parameters([z, program.s]) == {"z"}
+
+
+def test_numbers_that_are_read_no_more_are_dropped(program):
+    alive, alive_at_sums = WeakSet(), []
+
+    class Number:
+        def __init__(self, value):
+            self.value = value
+            alive.add(self)
+
+        def __add__(self, other):
+            alive_at_sums.append(len(alive))
+            return Number(self.value + other.value)
+
+        def __mul__(self, other):
+            return Number(self.value * other.value)
+
+    powers = [program.s]
+    for _ in range(20):
+        powers.append(program.mul(powers[-1], program.parameter("x")))
+    values, s, unity = {name: Number(Fraction(1, 3)) for name in "xyz"}, Number(Fraction(2)), Number(1)
+    inputs = len(alive)
+    (total,) = program.run([program.sum(powers[1:])], values, s, unity).values()
+    assert total.value == 1 - Fraction(1, 3) ** 20
+    assert [count - inputs for count in alive_at_sums] == list(range(20, 1, -1))
 
 
 def test_what_cancels_in_a_formula_or_in_a_term_of_it_is_not_written(program):

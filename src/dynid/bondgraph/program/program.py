@@ -299,7 +299,7 @@ def operands(op: Operation, a: Any, b: int) -> tuple[Register, ...]:
 class Tape:
     """The part of a program that some registers need, to be run on any number type again and again.
 
-    Memory is that of the numbers alive at a time: one that is read no more is overwritten.
+    Memory is that of the numbers alive at a time: one that is read no more is dropped.
     """
 
     def __init__(self, program: Program, registers: Iterable[Register]) -> None:
@@ -309,20 +309,22 @@ class Tape:
         for register in reversed(order):
             for operand in operands(*ops[register]):
                 last_use.setdefault(operand, register)
-        self._steps: list[tuple[Operation, int, Any, int]] = []
+        self._steps: list[tuple[Operation, int, Any, int, int | None]] = []
         self._size, free = 0, list[int]()
         slots: dict[Register, int] = {}
         for register in order:
             op, a, b = ops[register]
             first, second = a, 0
+            dead: list[int] = []
             if op >= _ADD:
                 first, second = slots[a], slots[a if op is _NEG else b]
-                free += [slots[operand] for operand in {*operands(op, a, b)} if last_use[operand] == register]
+                dead = [slots[operand] for operand in {*operands(op, a, b)} if last_use[operand] == register]
+            free += dead
             if not free:
                 free.append(self._size)
                 self._size += 1
-            slots[register] = free.pop()
-            self._steps.append((op, slots[register], first, second))
+            slots[register] = free.pop()  # the last of the dead ones, if any
+            self._steps.append((op, slots[register], first, second, dead[0] if len(dead) > 1 else None))
         self._places = [slots[register] for register in requested]
 
     def run(self, values: Mapping[str, N], laplace: N, unity: N) -> list[N]:
@@ -333,7 +335,7 @@ class Tape:
         numbers meet a zero pivot; arrays follow NumPy's rules instead.
         """
         memory: list[Any] = [None] * self._size
-        for op, slot, a, b in self._steps:
+        for op, slot, a, b, dead in self._steps:
             if op is _MUL:
                 memory[slot] = memory[a] * memory[b]
             elif op is _ADD:
@@ -348,6 +350,8 @@ class Tape:
                 memory[slot] = -memory[a]
             else:
                 memory[slot] = laplace if op is _LAPLACE else unity * a if a != 1 else unity
+            if dead is not None:
+                memory[dead] = None
         return [memory[place] for place in self._places]
 
 
