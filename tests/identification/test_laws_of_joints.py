@@ -33,9 +33,9 @@ LAWS = {
 }
 
 
-def model(kind, factor=1.0):
+def model(kind, factor=1.0, *, signed=False):
     law, true = LAWS[kind]
-    parameters = [JointParameter(start=factor * x, true=x, signed=x < 0) for x in true.values()]
+    parameters = [JointParameter(start=factor * x, true=x, signed=signed or x < 0) for x in true.values()]
     k, c = (JointParameter(start=factor * x, true=x) for x in (1e4, 4.0))
     bolt = Joint("bolt", (1, 2), k, c, laws=(joint_law(law, parameters),))
     return lumped((1.0, 0.7), (Link((1,), 1.5e4, 5.0),), [bolt])
@@ -177,12 +177,14 @@ def test_a_plan_has_the_bounds_of_other_amplitudes():
     assert labels == ["× 0.25", "× 0.5", "× 1", "× 2", "× 4", "× 8"]
 
 
-def test_relative_bounds_of_a_plan_are_over_values_of_any_sign():
-    planned = plan(model("cubic"), [experiment(60, 0.01)])
+@pytest.mark.parametrize("signed", [False, True])
+def test_relative_bounds_of_a_plan_are_over_values_of_any_sign(signed):
+    planned = plan(model("cubic", signed=signed), [experiment(60, 0.01)])
     present = planned["plan/sensors/present_bound"].data
     np.testing.assert_allclose(
         present, planned["identification/identifiability/relative_bound"].data, rtol=1e-6
     )
+    assert present[2] == pytest.approx(0.0255, rel=0.01)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from dynid.arithmetic.dependent import Dependent
 from dynid.errors import NotIdentifiable
 from dynid.identification.identifiability import expected_records, identifiability
 from dynid.identification.information import collinear_groups
@@ -14,6 +15,7 @@ from dynid.identification.planning.selection import Candidates, select
 from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Multisine, Sine
+from dynid.parameters import Parameter
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
@@ -384,6 +386,51 @@ def test_a_record_that_tells_nothing_yet_can_be_planned():
     result = plan(beside(), [CASE])
     assert np.all(np.isinf(result.value("plan/sensors/present_bound")))
     assert np.all(np.isinf(result.value("plan/excitation/best_bound")))
+
+
+def two_masses(scale, *channels, **true):
+    """Two masses with a spring and a damper between them, k and c, either of which may be negative."""
+    unknowns = [Parameter(name, value, value, scale=scale) for name, value in true.items()]
+    k, c = (Dependent.parameter(name, value) for name, value in true.items())
+    model = lumped([2.0, 1.0], [Link((1,), 800.0, 5.0), Link((1, 2), k, c)], parameters=unknowns)
+    measurement = Measurement(0.02, 300, channels or (Channel(1, "velocity"),), Simulation(0.02, 1))
+    return model, Experiment([Load(2, Multisine([5.0, 3.0], [17.0, 31.0]))], measurement)
+
+
+def test_a_plan_is_the_same_in_logarithms_and_values():
+    plans = []
+    for scale in ("log", "linear"):
+        model, experiment = two_masses(scale, k=2e3, c=3.0)
+        plans.append(plan(model, [experiment], PlanRequest(band=(10.0, 40.0))))
+    logarithmic, linear = plans
+    for path, variable in logarithmic.items():
+        if path.startswith("plan/"):
+            if variable.data.dtype.kind == "f":
+                np.testing.assert_allclose(linear[path].data, variable.data, rtol=1e-6, err_msg=path)
+            else:
+                assert linear[path].data.tolist() == variable.data.tolist()
+    assert np.isfinite(linear.value("plan/excitation/bands/bound")).any()
+
+
+def test_designs_are_ranked_by_a_parameter_of_value_zero_too():
+    model, experiment = two_masses("linear", k=2e3, c=0.0)
+    result = plan(model, [experiment], PlanRequest(sensors=2, band=(10.0, 40.0)))
+    for bounds in ("sensors/bound", "excitation/best_bound", "excitation/bands/bound"):
+        values = result.value(f"plan/{bounds}")
+        assert np.all(np.isinf(values[..., 1]))  # nothing is relative to 0
+        assert np.isfinite(values[..., 0]).any()
+    for group in ("sensors", "excitation"):
+        assert np.isfinite(result.value(f"plan/{group}/gain")[1:]).all()
+    found = candidate_sensors(
+        model, experiment, expected_records(Problem.of(model, [experiment]).likelihood), every_channel(model)
+    )
+    worths, determinants = [], []
+    for names in ((Channel(1, "velocity"),), (Channel(2, "displacement"), Channel(1, "velocity"))):
+        record = two_masses("linear", *names, k=2e3, c=0.0)[1]
+        direct = expected_records(Problem.of(model, [record]).likelihood).information()
+        determinants.append(-np.linalg.slogdet(direct.covariance())[1])
+        worths.append(found.candidates.worth(found.places(names)))
+    assert np.diff(worths) == pytest.approx(np.diff(determinants), rel=1e-6)
 
 
 def test_axes_are_there_and_no_number_is_missing(planned):

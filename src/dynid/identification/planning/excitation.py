@@ -20,7 +20,7 @@ from dynid.errors import Singular, UsageError
 from dynid.identification.identifiability import ExpectedRecords
 from dynid.identification.information import information
 from dynid.identification.likelihood.time_record import TimeRecord
-from dynid.identification.planning.selection import Candidates, select
+from dynid.identification.planning.selection import Candidates, relative_slopes, select
 from dynid.identification.records.measurement import Experiment
 from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.linear_system import LinearSystem
@@ -49,7 +49,7 @@ class _CandidateSines:
     dofs: tuple[Label, ...]  # where a force may act: DOFs, or sources of a graph
     omega: Array  # frequencies, rad/s: whole numbers of periods in the record
     rms: float  # RMS of the excitation
-    roots: Array  # roots of the information on the parameters' coordinates (omega x dofs x rows x p)
+    roots: Array  # roots of the information on relative changes of parameters (omega x dofs x rows x p)
     bands: list[tuple[float, float]]  # around each mode, up to the geometric means with its neighbours, rad/s
 
     def candidates(self, count: int) -> Candidates:
@@ -142,7 +142,8 @@ def candidate_sines(
         )
     inside = np.unique(natural[(natural >= kept[0]) & (natural <= kept[-1])])
     edges = [float(kept[0]), *np.sqrt(inside[:-1] * inside[1:]).tolist(), float(kept[-1])]
-    return _CandidateSines(model, tuple(dofs), np.array(kept), rms, np.array(roots), list(pairwise(edges)))
+    relative = relative_slopes(np.array(roots), expected.relative_rates)
+    return _CandidateSines(model, tuple(dofs), np.array(kept), rms, relative, list(pairwise(edges)))
 
 
 def _load_at(model: Model, where: Label, signal: Signal) -> Any:
@@ -165,7 +166,7 @@ def natural_frequencies(model: Model, system: LinearSystem, values: Mapping[str,
 def exact_bounds(
     model: Model, experiment: Experiment, expected: ExpectedRecords, loads: Sequence[Any]
 ) -> Array:
-    """Return the relative bounds (p) of a record of the steady state under sines, initial state unknown."""
+    """Return bounds on coordinates (p) of a record of the steady state under sines, initial state unknown."""
     measurement = experiment.measurement
     times = measurement.record.times
     joint = parametric_model(model, loads, measurement.channels, times)
@@ -226,7 +227,8 @@ def add_excitation(
     result.annotate(group, driven="source" if isinstance(model, IdentifiedGraph) else "force")
     best = exact_bounds(model, experiment, expected, sines.loads(chosen))
     present = expected.information().bounds()
-    result.add_all(group, ("parameter",), best_bound=best, present_bound=present)
+    relative = expected.relative_rates
+    result.add_all(group, ("parameter",), best_bound=relative * best, present_bound=relative * present)
     both = np.isfinite(best).all() and np.isfinite(present).all()
     ratio = (
         float(np.exp(np.mean(np.log(best) - np.log(present)))) if both else float(np.isfinite(present).all())
@@ -235,7 +237,7 @@ def add_excitation(
     slowest = float(np.min(-result["identification/identifiability/modal_sensitivity/pole"].data.real))
     if slowest > 0:
         result.add(f"{group}/settling_time", np.log(100) / slowest, (), "s")
-    _add_bands(result, sines, names)
+    _add_bands(result, sines, names, np.where(np.isfinite(relative), 1.0, np.inf))
 
 
 def present_lines(experiment: Experiment) -> int:
@@ -248,7 +250,7 @@ def present_lines(experiment: Experiment) -> int:
     return sum(counts) if all(counts) and counts else 3
 
 
-def _add_bands(result: Result, sines: _CandidateSines, names: Sequence[str]) -> None:
+def _add_bands(result: Result, sines: _CandidateSines, names: Sequence[str], relative: Array) -> None:
     group = "plan/excitation/bands"
     columns = len(names)
     rows = []
@@ -261,9 +263,8 @@ def _add_bands(result: Result, sines: _CandidateSines, names: Sequence[str]) -> 
                 share = np.sqrt(width / width.sum())[:, None, None]
                 root = np.linalg.qr((sines.roots[inside, k] * share).reshape(-1, columns), mode="r")
                 design = Candidates(np.asarray(root)[None], 0)
-                rows.append(
-                    (f"{dof} in band {number}", str(dof), low, high, design.worth([0]), design.bounds([0]))
-                )
+                worth, bound = design.worth([0]), relative * design.bounds([0])
+                rows.append((f"{dof} in band {number}", str(dof), low, high, worth, bound))
     rows.sort(key=lambda row: -row[4])
     bands, dofs, lows, highs, _, bounds = zip(*rows, strict=True) if rows else [()] * 6
     result.add_axes(group, band=bands, parameter=names)

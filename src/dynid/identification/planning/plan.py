@@ -22,7 +22,7 @@ from dynid.identification.identifiability import (
 )
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.planning.excitation import add_excitation, candidate_sines, present_lines
-from dynid.identification.planning.selection import Candidates, select
+from dynid.identification.planning.selection import Candidates, relative_slopes, select
 from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, sampled_loads
 from dynid.identification.systems.graph_system import IdentifiedGraph
@@ -234,8 +234,10 @@ def candidate_sensors(
         noise_of_quantity.get(c.quantity, size) for c, size in zip(present, levels, strict=True)
     ]
     kept = np.flatnonzero(moves)
-    both = np.concatenate([predicted.by_state[:, kept] @ root, predicted.by_parameter[:, kept]], axis=2)
-    roots = np.asarray(np.linalg.qr(np.moveaxis(both / level[kept, None], 1, 0), mode="r"))
+    by_state = predicted.by_state[:, kept] @ root / level[kept, None]
+    by_parameter = predicted.by_parameter[:, kept] / level[kept, None]
+    both = np.concatenate([by_state, relative_slopes(by_parameter, expected.relative_rates)], axis=2)
+    roots = np.asarray(np.linalg.qr(np.moveaxis(both, 1, 0), mode="r"))
     left_out = tuple(channel.name for channel, yes in zip(all_channels, moves, strict=True) if not yes)
     candidates = Candidates(roots, predicted.by_state.shape[2])
     return _CandidateSensors(
@@ -249,15 +251,16 @@ def _add_sensors(
     present_channels: Sequence[Any],
     names: Sequence[str],
     count: int,
-    relative: Array,
+    rates: Array,
 ) -> None:
-    """Add the ranking of sensors to a result; `relative`: relative bounds over those of coordinates (p)."""
+    """Add the ranking of sensors to a result; `rates`: relative rates of the parameters (p)."""
     # ``plan/sensors/``: of each `candidate` its `noise`, `rms` and `bound_alone` (candidate x parameter);
     # the `choice` of the best, in the order of their gains, with the relative `bound` after each (choice x
     # parameter) and its `gain`, the factor by which it narrows the bounds (geometric mean); `present`, the
     # channels as they are, with their `present_bound` and `efficiency`, the geometric mean of the best
     # bounds over theirs.
     group, candidates = "plan/sensors", sensors.candidates
+    relative = np.where(np.isfinite(rates), 1.0, np.inf)  # nothing is relative to a value of 0
     chosen = select(candidates, count)
     result.add_axes(group, candidate=[channel.name for channel in sensors.channels], parameter=names)
     units = [channel.unit for channel in sensors.channels]

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array
 
-# Root of the prior information on a coordinate: a factor of e^1000 either way. It makes first choices
+# Root of the prior information on a logarithm: a factor of e^1000 either way. It makes first choices
 # comparable from which not all parameters are identifiable, and is negligible beside that of any record.
 _PRIOR_ROOT = 1e-3
 # Root of the prior information on the initial state, as a part of that of its wide prior.
 _STATE_PRIOR_ROOT = 1e-6
+# All candidates together bound a parameter of value 0, the others known, to this part of its unit.
+_BOUND_OF_ZERO = 1e-2
 # An exchange must gain this much: less is round-off.
 _GAIN = 1e-9
 _MAX_EXCHANGE_ROUNDS = 20
@@ -27,9 +29,21 @@ _MAX_EXCHANGE_ROUNDS = 20
 _AT_ONCE = 10_000_000
 
 
+def relative_slopes(slopes: Array, rates: Array) -> Array:
+    """Return sensitivities to relative changes of parameters, from those to their coordinates (… x p).
+
+    `rates`: relative rates of the parameters by their coordinates (p), infinite where a value is 0.
+    """
+    size = np.linalg.norm(slopes.reshape(-1, len(rates)), axis=0)
+    return slopes / np.where(np.isfinite(rates), rates, np.where(size > 0, size, 1.0) * _BOUND_OF_ZERO)
+
+
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """The information of candidates, each as a triangle of its sensitivities over noise."""
+    """The information of candidates, each as a triangle of its sensitivities over noise.
+
+    Those to parameters are relative (`relative_slopes`), as the prior information is.
+    """
 
     # Of each candidate any R with ``R^T R`` its information on nuisance and parameters (candidates x rows x
     # nuisance + parameters).
@@ -54,7 +68,7 @@ class Candidates:
         return np.asarray(np.linalg.qr(np.concatenate([self.before(), rows]), mode="r"))
 
     def gains(self, chosen: Sequence[int]) -> Array:
-        """Return the coordinateic determinants on the parameters with each candidate beside those chosen."""
+        """Return the logarithmic determinants on the parameters with each candidate beside those chosen."""
         root = self.root(chosen)
         height = max(1, _AT_ONCE // (len(root) * (len(root) + self.roots.shape[1])))
         worths = []
@@ -86,7 +100,7 @@ class Candidates:
         return np.where(identifiable, factors, np.inf)
 
     def worth(self, chosen: Sequence[int]) -> float:
-        """Return the coordinateic determinant of the information on the parameters."""
+        """Return the logarithmic determinant of the information on the parameters."""
         pivots = np.abs(np.diagonal(self.root(chosen)))[self.nuisance :]
         return float(2 * np.log(pivots).sum())
 
