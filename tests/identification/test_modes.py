@@ -495,6 +495,57 @@ def test_frequency_that_the_rest_does_not_replace_has_no_prediction():
     np.testing.assert_allclose(modes(whole, "left_out_error"), 0.0, atol=1e-4)
 
 
+def frequencies_alone(model, seed, noise=1.0):
+    """A survey of five frequencies without shapes."""
+    modal = measured(model, seed, noise, modes=range(5), model_error=KNOWN)
+    return replace(modal, shape=None, shape_std=None, dofs=())
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_frequency_left_out_is_that_of_an_identification_without_it(seed):
+    """The linear step agrees with the modes at the estimate from the other frequencies alone."""
+    modal = frequencies_alone(chain(), seed)
+    whole = identify(chain(), modal)
+    error, bar = modes(whole, "left_out_error"), modes(whole, "left_out_deviation")
+    for k in range(5):
+        rest = np.delete(np.arange(5), k)
+        part = replace(modal, omega=modal.omega[rest], omega_std=modal.omega_std[rest])
+        values = dict(
+            zip(["upper.k", "lower.k"], parameter(identify(chain(), part), "estimate"), strict=True)
+        )
+        wanted = np.abs(true_modes(chain(), values)[0][k]) / modal.omega[k] - 1
+        assert abs(error[k] - wanted) < 0.05 * bar[k]
+
+
+@pytest.mark.parametrize(("noise", "repeated"), [(0.5, 0), (30.0, 5)], ids=["scatter", "contradicted"])
+def test_diagnosis_costs_at_most_ten_times_the_fit(monkeypatch, noise, repeated):
+    """Of 20 frequencies, counted in eigenproblems; without contradicted ones the fit is repeated, of five."""
+    from dynid.identification.estimators.maximum_likelihood import refine
+    from dynid.identification.likelihood import modal_record
+    from dynid.identification.results import write_modes
+
+    joints = [Joint(f"j{k}", (k, k + 1), JointParameter(start=80.0, true=100.0)) for k in (3, 8, 14)]
+    links = [Link((1,), 100.0), *(Link((k, k + 1), 100.0) for k in range(1, 20) if k not in (3, 8, 14))]
+    model = lumped([1.0] * 20, links, joints)
+    omega = np.abs(true_modes(model)[0])
+    off = 1 + noise * 0.002 * np.random.default_rng(3).standard_normal(20)
+    record = ModalRecord.of(model, ModalMeasurement(omega * off, omega_std=0.002 * omega), 20)
+    count = []
+
+    def counted(*arguments, **options):
+        count.append(None)
+        return lowest_modes(*arguments, **options)
+
+    monkeypatch.setattr(modal_record, "lowest_modes", counted)
+    eta = refine(Likelihood((record,)), np.log([one.start for one in model.unknowns])).fit.eta
+    of_fit = len(count)
+    predictions = write_modes.left_out(record, eta)
+    assert len(count) - of_fit <= 10 * of_fit
+    assert np.count_nonzero(predictions.refitted) == repeated
+    assert not np.isnan(predictions.error).any()
+    assert predictions.contradicted.any() == (repeated > 0)
+
+
 def test_end_of_the_trade_off_that_fails_is_left_out(monkeypatch):
     from dynid.identification.results import write_modes
 

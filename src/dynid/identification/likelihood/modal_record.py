@@ -253,6 +253,11 @@ class ModalRecord(RecordLikelihood):
         paired = paired_modes(
             self.measurement, self.rows, solution, self.model.slopes(at), self.error, self.close
         )
+        return self.fit_of(eta, paired, values)
+
+    def fit_of(self, eta: Array, paired: PairedModes, values: Array | None = None) -> ModalFit:
+        """Compare modes paired at these coordinates with `values`; default: the measured ones."""
+        values = self.data.values if values is None else values
         rate = rates(self.unknowns, eta)
         outputs = _side_by_side(self.standardised(paired.columns))
         slopes = self.standardised([slope * rate for slope in paired.slopes])

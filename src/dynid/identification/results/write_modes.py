@@ -18,7 +18,8 @@
   `scatter_floor`; `model_error_needed`: those that the residuals would need, where the fit is rejected.
 - `left_out_error`, `left_out_deviation`, `left_out_by_scatter`: each frequency predicted with it left out,
   over the measured one less 1, and its bars, with the stated error of the form and by scatter alone; of modes
-  alone, NaN where the rest does not determine the parameters.
+  alone, NaN where the rest does not determine the parameters. By a linear step from the estimate; the fit is
+  repeated for the most doubtful ones, five at most.
 - `trade_off/<frequencies|shapes>/{frequency_error, mac}`: the fits to frequencies alone and to shapes alone
   (damping ratios, where measured, count in both), for their scatter, where the form is in error: stated, or
   needed.
@@ -46,7 +47,7 @@ from dynid.identification.diagnosis.form_error import FormError
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.information import Information
-from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.modal_record import ModalFit, ModalRecord
 from dynid.identification.likelihood.record_likelihood import ScatterTest
 from dynid.identification.systems.parametric_model import Rebuild
@@ -61,6 +62,10 @@ from dynid.units import angular_factor
 _FAILURES = (DynidError, ArithmeticError, np.linalg.LinAlgError)
 # Most steps with a frequency left out, and to an end of the trade-off.
 _MAX_TRADE_OFF_STEPS = 25
+# Standard errors, of a prediction by a linear step and of the parameters, beyond which it is doubtful.
+_DOUBTFUL = 2.0
+# Most frequencies for which the fit is repeated: each costs as much as a fit.
+_MOST_REFITS = 5
 # An error that takes the weight from a quantity.
 _NO_WEIGHT = 1e3
 #: Prediction errors beyond so many bars contradict these: one in 16,000 by chance.
@@ -81,41 +86,71 @@ class _LeftOut(NamedTuple):
     error: Array
     deviation: Array  # their standard deviations by parameters, scatter and error of the form (r)
     by_scatter: Array  # the same by scatter alone (r)
+    refitted: NDArray[np.bool_]  # mask of predictions by a fit to the other data (r)
 
     @property
     def contradicted(self) -> NDArray[np.bool_]:
-        """Mask of modes whose prediction errors exceed four times their deviations (r)."""
-        return np.asarray(np.abs(self.error) > CONTRADICTED * self.deviation)
+        """Mask of modes whose errors, after a fit to the other data, exceed four deviations (r)."""
+        return np.asarray(self.refitted & (np.abs(self.error) > CONTRADICTED * self.deviation))
 
 
 def left_out(record: ModalRecord, eta: Array) -> _LeftOut:
-    """Predict each frequency with it left out, from the estimate `eta` (p); shapes stay."""
-    r, measured = record.measurement.modes, record.measurement.omega
-    error, deviation, by_scatter = np.full((3, r), np.nan)
-    bare = record.with_error(np.zeros(len(record.error)))
-    for k in range(r):
-        report_progress(f"frequency {k + 1} left out")
-        both = [Likelihood((survey.with_error(survey.error, (k,)),)) for survey in (record, bare)]
+    """Predict each frequency with it left out, from the estimate `eta` (p); shapes stay.
+
+    By one Gauss–Newton step, which needs no further modes. Where that is doubtful, as the error of the
+    prediction or the change of a parameter exceeds two standard errors, by a fit to the other data: for five
+    frequencies at most, the most doubtful ones.
+    """
+    surveys = record, record.with_error(np.zeros(len(record.error)))
+    fits = [survey.fit(eta, survey.data.values) for survey in surveys]
+    bounds = _information(Likelihood((record,)), Fit(eta, (fits[0],))).bounds()
+    predicted = np.full((3, record.measurement.modes), np.nan)
+    doubt, refitted = np.zeros(predicted.shape[1]), np.zeros(predicted.shape[1], dtype=bool)
+    for k in range(len(doubt)):
+        rest = [survey.with_error(survey.error, (k,)) for survey in surveys]
+        ends = [survey.fit_of(eta, fit.modes) for survey, fit in zip(rest, fits, strict=True)]
         try:
-            _information(both[0], eta).check()
-            end = refine(both[0], eta, _MAX_TRADE_OFF_STEPS).fit
-            roots = [_information(survey, end.eta).root for survey in both]
+            step = _step(rest[0], ends[0])
+            predicted[:, k] = _predicted(rest, ends, k, step)
         except _FAILURES:
             continue
-        fit = end.parts[0]
-        assert isinstance(fit, ModalFit)
-        assert fit.by_parameter is not None
-        error[k] = fit.omega[k] / measured[k] - 1
-        slope = fit.by_parameter[k, 0] * record.spread[0][k] / measured[k]
-        if record.root is not None:
-            slope = fit.modes.slopes[0][k] * rates(record.unknowns, end.eta) / measured[k]
-        for survey, root, bars in zip((record, bare), roots, (deviation, by_scatter), strict=True):
-            bars[k] = np.hypot(np.linalg.norm(slope @ root), survey.spread[0][k] / measured[k])
-    return _LeftOut(error, deviation, by_scatter)
+        doubt[k] = max(abs(predicted[0, k]) / predicted[1, k], float(np.max(np.abs(step) / bounds)))
+    for k in np.argsort(-doubt, kind="stable")[:_MOST_REFITS].tolist():
+        if doubt[k] <= _DOUBTFUL:
+            break
+        report_progress(f"fit without frequency {k + 1}")
+        rest = [survey.with_error(survey.error, (k,)) for survey in surveys]
+        predicted[:, k], refitted[k] = np.nan, True
+        try:
+            end = refine(Likelihood((rest[0],)), eta, _MAX_TRADE_OFF_STEPS).fit.eta
+            ends = [survey.fit(end, survey.data.values) for survey in rest]
+            predicted[:, k] = _predicted(rest, ends, k, np.zeros(len(eta)))
+        except _FAILURES:
+            continue
+    return _LeftOut(*predicted, refitted)
 
 
-def _information(likelihood: Likelihood, eta: Array) -> Information:
-    fit = likelihood.fit(eta)
+def _step(record: ModalRecord, fit: ModalFit) -> Array:
+    """Return the Gauss–Newton step within the limits (p), if the data determine the parameters."""
+    likelihood, both = Likelihood((record,)), Fit(fit.eta, (fit,))
+    information = _information(likelihood, both)
+    information.check()
+    step = information.step(likelihood.weighted(both, likelihood.likeliest(both)))
+    return likelihood.priors.constrained(fit.eta + step, information.root) - fit.eta
+
+
+def _predicted(surveys: Sequence[ModalRecord], fits: Sequence[ModalFit], k: int, step: Array) -> list[float]:
+    """Return a frequency after a step of the coordinates (p), over the measured one less 1, and its bars."""
+    fit, measured = fits[0], surveys[0].measurement.omega[k]
+    slope = fit.modes.slopes[0][k] * rates(surveys[0].unknowns, fit.eta) / measured
+    bars = []
+    for survey, end in zip(surveys, fits, strict=True):
+        root = _information(Likelihood((survey,)), Fit(fit.eta, (end,))).root
+        bars.append(float(np.hypot(np.linalg.norm(slope @ root), survey.spread[0][k] / measured)))
+    return [float(fit.omega[k] / measured - 1 + slope @ step), *bars]
+
+
+def _information(likelihood: Likelihood, fit: Fit) -> Information:
     return likelihood.information(fit, likelihood.likeliest(fit))
 
 
@@ -287,8 +322,8 @@ def _add_diagnosis(
         )
     if result.wants_below(f"{group}/left_out_error") and record.measurement.modes > 1:
         predictions = left_out(record, eta)
-        for name, values in zip(("error", "deviation", "by_scatter"), predictions, strict=True):
-            result.add(f"{group}/left_out_{name}", values, ("mode",))
+        for name in ("error", "deviation", "by_scatter"):
+            result.add(f"{group}/left_out_{name}", getattr(predictions, name), ("mode",))
         worst = np.flatnonzero(predictions.contradicted)
         if len(worst):
             bars = predictions.deviation
