@@ -13,8 +13,10 @@ if TYPE_CHECKING:
 #: Most roots in a list.
 MOST_ROOTS = 12
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-#: Spaces within roots, equations with a number, and between a number and its unit.
-_JOINT = re.compile(r" (?=± )|(?<=±) | (?== [-−\d∞])|(?<= =) (?=[-−\d∞])|(?<=\d) (?=(?:Hz|rad/s|%)(?!\w))")
+#: Spaces within roots, equations with a number, between thousands, and between a number and its unit.
+_JOINT = re.compile(
+    r" (?=± )|(?<=±) | (?== [-−\d∞])|(?<= =) (?=[-−\d∞])|(?<=\d) (?=(?:\d{3}|Hz|rad/s|%)(?!\w))"
+)
 #: Most decimals of a number.
 _MOST_DECIMALS = 6
 #: Least p-value that is written as a number.

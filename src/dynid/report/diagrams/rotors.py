@@ -38,7 +38,7 @@ def _campbell(result: Result) -> Chart:
         turns = float(sense[np.argmax(np.abs(sense))])
         if abs(turns) > _CIRCLES:
             name += " forward" if turns > 0 else " backward"
-        cls = series_class(mode) + (" dash" if turns < -_CIRCLES else "")
+        cls = series_class(mode) + (" dashed" if turns < -_CIRCLES else "")
         curves.append(Curve(speed, frequency[:, mode], name, cls))
         ratios.append(Curve(speed, 100 * damping[:, mode], name, cls))
     across = PlotAxis(f"speed ({unit.name})")

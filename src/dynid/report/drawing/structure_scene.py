@@ -202,4 +202,5 @@ def _spring(
         else:
             unit = "" if _unknown(scene, quantity) else unit_text(unit_of(letter, kinds))
             texts.append(f"{letter} = {_value_text(scene, quantity)} {unit}".rstrip())
-    return SpringDamper(dofs, tuple(texts), "k" in values, "c" in values, bool(joint))
+    alone = not values  # a joint of laws alone is drawn as a spring
+    return SpringDamper(dofs, tuple(texts), "k" in values or alone, "c" in values, bool(joint))
