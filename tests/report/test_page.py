@@ -274,7 +274,8 @@ def test_the_parameters_of_an_identification_are_the_files():
         row = re.search(
             rf"<tr><th scope=\"row\">{re.escape(name)} [^<]*</th><td class=\"n\">([^<]*)</td>", html
         )
-        assert float(row[1].replace("\N{NO-BREAK SPACE}", "")) == pytest.approx(start, rel=1e-3)  # four digits are shown
+        shown = float(row[1].replace("\N{NO-BREAK SPACE}", ""))
+        assert shown == pytest.approx(start, rel=1e-3)  # four digits are shown
 
 
 def test_unmet_expectations_are_said():
