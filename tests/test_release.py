@@ -48,7 +48,8 @@ def test_the_citation_names_licence_and_papers():
 
 def test_the_pythons_that_are_promised_are_those_of_ci():
     promised = {text.split(" :: ")[-1] for text in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", text)}
-    run = re.findall(r"\.ci/environment (3\.\d+)", (ROOT / ".ci/run").read_text())
+    scripts = "".join((ROOT / ".ci" / name).read_text() for name in ("run", "nightly"))
+    run = re.findall(r"\.ci/environment (3\.\d+)", scripts)
     assert promised == set(run)
     assert PROJECT["requires-python"] == f">={min(run)}"  # the oldest, with the oldest dependencies
     assert f".ci/environment {min(run)} lowest-direct" in (ROOT / ".ci/run").read_text()
