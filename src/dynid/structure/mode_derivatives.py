@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray, guarded
 from dynid.errors import NumericalError, Singular
+from dynid.parameters import Parameter
 from dynid.structure.matrices import Matrix, as_array, is_sparse
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
@@ -41,6 +42,9 @@ _PIVOT = 0.01
 _MOST_WHOLE = 400
 # Columns of a basis that are dependent on others to this part are left out.
 _DEPENDENT_COLUMN_TOL = 1e-9
+# Energy of a change of modes over theirs that bases for frequencies leave out: half of it is the relative
+# change of a frequency, for parameters off by their expected change; the basis follows these.
+_NEGLIGIBLE_ENERGY = 4e-4
 
 
 class Inverse(NamedTuple):
@@ -350,6 +354,7 @@ def modal_basis(
     highest: float,
     *,
     damped: bool,
+    with_shapes: bool = True,
 ) -> StructuralModel:
     """Return a structure in coordinates of its lowest modes and their derivatives.
 
@@ -357,15 +362,19 @@ def modal_basis(
     errors of frequencies are of fourth order in the change of the parameters.
 
     `values`, `count`, `near`, `damped`: as of `lowest_modes`; `highest`: highest frequency, rad/s, of a mode
-    whose derivatives are exact, too.
+    whose derivatives are exact, too; `with_shapes`: False where undamped frequencies are needed alone. These
+    have exact derivatives from the modes; what the modes move by is then kept where it matters to them.
     """
     solution = lowest_modes(model, values, count, near, damped=damped)
     slopes = model.slopes(values)
-    columns = [solution.shapes]
-    for mode, omega in enumerate(solution.omega.tolist()):
-        if omega <= highest:
+    columns, below = [solution.shapes], np.flatnonzero(solution.omega <= highest)
+    if with_shapes or damped:
+        for mode in below.tolist():
+            omega = solution.omega[mode]
             near_by = {mode, *np.flatnonzero(np.abs(solution.omega - omega) <= EQUAL * omega).tolist()}
             columns.append(solution.shape_slopes(mode, sorted(near_by), slopes))
+    else:
+        columns.append(_main_changes(solution, slopes, below.tolist(), near**2))
     columns_of_basis = np.concatenate(columns, axis=1)
     if np.iscomplexobj(columns_of_basis):
         columns_of_basis = np.concatenate([columns_of_basis.real, columns_of_basis.imag], axis=1)
@@ -374,3 +383,36 @@ def modal_basis(
     U, s, _ = np.linalg.svd(columns_of_basis, full_matrices=False)
     T = U[:, s > _DEPENDENT_COLUMN_TOL * s[0]]
     return model.projected(T, tuple(f"q{k}" for k in range(1, T.shape[1] + 1)))
+
+
+def _main_changes(
+    solution: ModalSolution, slopes: Sequence[Mapping[str, Matrix]], below: Sequence[int], shift: float
+) -> Array:
+    """Return the main directions (n x m) in which undamped modes change with the parameters.
+
+    Of the static derivatives ``(K + s M)^-1 Z' psi``, beside which those of modes far above are all that
+    lacks, the principal components in energy: a component beyond these changes frequencies of second order.
+    """
+    from scipy.sparse import csc_array, diags_array
+
+    from dynid.structure.backends import factorise  # heavy import, of large models alone
+
+    M, _, K = (csc_array(matrix) for matrix in solution.matrices)
+    stiff = K + shift * M
+    scale = 1 / np.sqrt(stiff.diagonal())
+    factor = factorise(csc_array(diags_array(scale) @ stiff @ diags_array(scale)), definite=True)
+    sizes = [_expected_change(unknown, solution.values[unknown.name]) for unknown in solution.model.unknowns]
+    changes = [solution.shapes[:, :0]]
+    for mode in below:
+        forces = solution._forces(complex(solution.poles[mode]), solution.shapes[:, mode], slopes)
+        forces *= sizes / np.hypot(solution.omega[mode], np.sqrt(shift))
+        changes.append(scale[:, None] * factor.solve(scale[:, None] * forces))
+    joint = np.concatenate(changes, axis=1)
+    joint -= solution.shapes @ (solution.shapes.T @ (M @ joint))
+    energy, axes = np.linalg.eigh(joint.T @ (stiff @ joint))
+    return np.asarray(joint @ axes[:, energy > _NEGLIGIBLE_ENERGY])
+
+
+def _expected_change(unknown: Parameter, value: float) -> float:
+    """Return the deviation of the prior of a parameter, else a fifth of its value."""
+    return unknown.prior.absolute if unknown.prior is not None else abs(value) / 5 or 1.0

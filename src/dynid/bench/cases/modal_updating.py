@@ -3,8 +3,9 @@
 The plate of finite elements has 5 x 4 fields of unequal widths, each with an unknown rigidity, which is 1
 with a standard deviation of 0.2 a priori. The lowest frequencies are measured with random errors. The peer
 minimises the weighted deviations by SciPy's least squares, with shift-invert Lanczos for the modes and the
-derivatives of the frequencies by the modes (Fox & Kapoor 1968). The peer has the matrices before the clock
-starts; dynid reads them from files.
+derivatives of the frequencies by the modes (Fox & Kapoor 1968). Of 7,000 DOFs it ends at another optimum than
+the likeliest one, which the search of dynid reaches, and which SciPy reaches from the true rigidities. The
+peer has the matrices before the clock starts; dynid reads them from files.
 """
 
 from __future__ import annotations
@@ -87,7 +88,12 @@ def _by_dynid(problem: _Problem) -> Any:
     return run_scene(problem.scene)["identification/parameters/estimate"].data
 
 
-def _by_scipy(problem: _Problem, tolerance: float = 1e-8) -> Any:
+def _by_scipy(problem: _Problem) -> Any:
+    return _optimum(problem, np.ones(_FIELDS), 1e-8).x
+
+
+def _optimum(problem: _Problem, start: Any, tolerance: float) -> Any:
+    """Return SciPy's solution from a start."""
     from scipy.optimize import least_squares
 
     parts, M, measured, _ = problem
@@ -111,14 +117,20 @@ def _by_scipy(problem: _Problem, tolerance: float = 1e-8) -> Any:
         of_frequencies = squares / (2 * frequencies * measured)[:, None] / _NOISE
         return np.concatenate([of_frequencies, np.eye(_FIELDS) / _PRIOR])
 
-    first = np.ones(_FIELDS)
     return least_squares(
-        residuals, first, slopes, method="lm", ftol=tolerance, xtol=tolerance, gtol=tolerance
-    ).x
+        residuals, start, slopes, method="lm", ftol=tolerance, xtol=tolerance, gtol=tolerance
+    )
+
+
+@lru_cache(maxsize=1)
+def _likeliest(dofs: int) -> Any:
+    """Return the better one of the optima that are reached from the start and from the true rigidities."""
+    optima = [_optimum(_problem(dofs), start, 1e-14) for start in (np.ones(_FIELDS), _TRUE)]
+    return min(optima, key=lambda optimum: float(optimum.cost)).x
 
 
 def _error(dofs: int, estimates: Any) -> float:
-    return float(np.max(np.abs(estimates / _by_scipy(_problem(dofs), 1e-14) - 1)))
+    return float(np.max(np.abs(estimates / _likeliest(dofs) - 1)))
 
 
 BENCHMARK = Benchmark(

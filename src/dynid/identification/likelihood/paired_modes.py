@@ -224,4 +224,5 @@ def modal_model(
         return model
     damped = (measurement.has_damping or measurement.complex_shapes) and has_damping(model)
     near, highest = float(measurement.omega.min()), _WITH_SLOPES * float(measurement.omega.max())
-    return modal_basis(model, at, count, near, highest, damped=damped)
+    with_shapes = len(measurement.dofs) > 0
+    return modal_basis(model, at, count, near, highest, damped=damped, with_shapes=with_shapes)
