@@ -127,7 +127,8 @@ def left_out(record: ModalRecord, eta: Array) -> _LeftOut:
             predicted[:, k] = _predicted(rest, ends, k, np.zeros(len(eta)))
         except _FAILURES:
             continue
-    return _LeftOut(*predicted, refitted)
+    error, deviation, by_scatter = predicted
+    return _LeftOut(error, deviation, by_scatter, refitted)
 
 
 def _step(record: ModalRecord, fit: ModalFit) -> Array:
