@@ -206,7 +206,7 @@ def test_a_band_of_few_lines_is_refused():
 
 @pytest.mark.thorough
 def test_doubts_are_said():
-    from dynid.modal.write_result import add_modes
+    from dynid.modal.write_result import add_analysis
     from dynid.result import Result
 
     poles, shapes = modes(5, 6)
@@ -214,7 +214,7 @@ def test_doubts_are_said():
     spoiled = FrfMatrix(frf.omega, frf.values * [1, 1.1], 0.5 * frf.deviation * [1, 1.1], frf.scale)
     result = Result("modal-analysis")
     analysis = analyse(spoiled, driving((0, 2)))
-    add_modes(result, analysis, "abcdef", "ac", np.ones((600, 6)), ["a note"])
+    add_analysis(result, analysis, "abcdef", "ac", np.ones((600, 6)), ["a note"])
     note, lack, reciprocity = result["modal/warnings"].data[:3]
     assert note == "a note"
     ratio, factor = map(float, re.findall(r"(?:is|are) ([\d.]+)", lack))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from dynid.arrays import Array, ComplexArray, guarded
-from dynid.errors import NumericalError
+from dynid.errors import NumericalError, UsageError
 from dynid.result import Result
 from dynid.structure.labels import Label, unsigned
 from dynid.structure.model import StructuralModel
@@ -69,6 +69,11 @@ def harmonic_balance(
         damping}``.
     """
     structure = condensed(model, values or {}, (start + stop) / 2)
+    if not len(structure.deflections):
+        raise UsageError(
+            "no joint has a nonlinear law: steady states under a sine are the frequency response",
+            remedy="Ask for 'analysis: {frequency: …}', or state the 'laws' of a joint.",
+        )
     load, row = (structure.shapes.T @ model.row(at) for at in (dof, dof if output is None else output))
     equations = ForcedResponse(structure, load, amplitude, harmonics)
     first = equations.first(start)
@@ -81,13 +86,14 @@ def harmonic_balance(
     omegas: list[float] = []
     left_out = 0.0
     top = 0.0, first.u, np.zeros((0, 0), dtype=complex)  # amplitude of the first harmonic, unknowns, modes
+    peak = 0
     for u in trace(equations, first, low, high, stop, points, longest):
         omegas.append(float(u[-1]))
         left_out = max(left_out, equations.left_out)
         modal = equations.modal_motion(u)
         motions.append(modal @ row)
         if (size := float(np.abs(motions[-1][1]))) > top[0]:
-            top = size, u, modal
+            top, peak = (size, u, modal), len(motions) - 1
         if floquet is not None:
             hidden = [0.0 if state is None else state[0] for state in equations.memory.hidden]
             verdict = floquet.stability(omegas[-1], modal, np.array(hidden))
@@ -111,13 +117,18 @@ def harmonic_balance(
         result.add(f"{GROUP}/multiplier", multipliers, ("point",))
     folds = int(np.count_nonzero(np.diff(np.sign(np.diff(omega)))))
     result.annotate(GROUP, force=amplitude, folds=folds, dof=str(dof), output=str(read))
+    notes = []
     if left_out > structure.tail:
-        said = (
+        notes += [
             f"harmonics beyond {harmonics} would deflect a joint by {100 * left_out:.2g} % of its deflection"
-        )
-        result.annotate(GROUP, note=f"{said}; allow more 'harmonics'")
-    if backbone:
+            "; allow more 'harmonics'"
+        ]
+    if backbone and 0 < peak < len(motions) - 1:
         _add_backbone(result, structure, row, top, harmonics, points)
+    elif backbone:
+        notes += ["the largest amplitude is at an end of the curve: no backbone; move 'start' or 'stop'"]
+    if notes:
+        result.annotate(GROUP, note="; ".join(notes))
     return result
 
 

@@ -1,0 +1,117 @@
+"""What keys allow one by one and not together: loops, laws, steady states that nothing answers."""
+
+import pytest
+
+import dynid
+from dynid.errors import UsageError
+from dynid.scene.load import check_source
+from dynid.scene.yaml.source import parse_source
+from tests.scene.example_scenes import faults_of
+
+GRAPH = """dynid: 1
+kind: KIND
+graph:
+  nodes: {F: Se, v: 1, m: {type: I, value: 1}, b: {type: R, value: 1}, k: {type: C, value: 0.1}LINE}
+  bonds: [F -> v -> m, v -> b, v -> kENDS]
+CONTROL
+"""
+LIMITED = "{from: k.q, to: F, controller: {gain: 2, limits: {min: -1, max: 1}}, setpoint: r}"
+FAST = "{from: m.f, to: F, controller: {gain: 1, sample: 0.1}}"
+SLOW = "{from: k.q, to: F, controller: {gain: 1, sample: 0.2}, setpoint: r}"
+ASKED = "analysis: {inputs: [r], outputs: [m.f], results: [time_response], time: {stop: 1, step: 0.1}}"
+MEASURED = "measurement: {step: 0.1, samples: 20, channels: [{output: m.f}], simulate: {seed: 1}}"
+STRUCTURE = """dynid: 1
+kind: identification
+structure: {lumped: {masses: [1, 0.5], links: [{dofs: [1], k: 2.0e4, c: 4}]}}
+joints: {bolt: {dofs: [1, 2], k: {start: 8.0e3}, c: 1LAWS}}
+"""
+STEADY = "responses: {harmonic_balance: {dof: 2, amplitude: 4, start: START, stop: STOP, unit: Hz}}\n"
+STEADY_HZ = STEADY.replace("START", "1").replace("STOP", "2")
+
+
+def graph(control, kind="bond-graph", line="", ends="", more=""):
+    text = GRAPH.replace("KIND", kind).replace("LINE", line).replace("ENDS", ends)
+    return text.replace("CONTROL", control) + more + "\n"
+
+
+def run(text):
+    return dynid.run(check_source(parse_source(text, "s.yaml")))
+
+
+def steady(start, stop, laws=""):
+    return STRUCTURE.replace("LAWS", laws) + STEADY.replace("START", str(start)).replace("STOP", str(stop))
+
+
+IDENTIFIED = "excitation: [{source: F, kind: sine, amplitude: 1, frequency: 1}]\n" + MEASURED
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (graph(f"control: {{loops: [{LIMITED}]}}", "identification", more=IDENTIFIED), "is not identified"),
+        (
+            graph(
+                "control: {lqr: {states: [m.f, k.q], weights: {m.f: 1, F: 1}}}", "identification",
+                more=IDENTIFIED,
+            ),
+            "gains are designed for a graph of fixed values",
+        ),
+        (
+            graph(f"control: {{loops: [{LIMITED}, {FAST}]}}", more=ASKED),
+            "beside sampled ones has no 'limits'",
+        ),
+        (
+            graph(
+                f"control: {{loops: [{FAST}, {SLOW}]}}",
+                line=", line: {type: TL, impedance: 1, delay: 0.1}, e: {type: R, value: 1}",
+                ends=", v -> line -> e",
+                more=ASKED,
+            ),
+            "there are no lines (TL) with several sample times",
+        ),
+        (
+            graph(
+                f"control: {{loops: [{LIMITED}]}}",
+                line=", line: {type: TL, impedance: 1, delay: 0.1}, e: {type: R, value: 1}",
+                ends=", v -> line -> e",
+                more=ASKED,
+            ),
+            "the response of controllers with 'limits' is not computed with a line",
+        ),
+        (
+            graph("estimator: {laws: [linear, cubic]}", "identification", more=IDENTIFIED),
+            "the 'laws' of an estimator are of joints",
+        ),
+        (
+            graph("", "identification", more=f"{IDENTIFIED}\n{STEADY_HZ}"),
+            "'responses' are of a structure, not of a graph",
+        ),
+    ],
+)  # fmt: skip
+def test_what_nothing_answers_is_refused_where_it_stands(text, message):
+    faults = faults_of(text)
+    assert any(message in fault for fault in faults), faults
+
+
+def test_steady_states_of_a_linear_structure_are_its_frequency_response():
+    with pytest.raises(UsageError, match="no joint has a nonlinear law"):
+        run(steady(8, 30))
+
+
+def test_a_curve_without_its_peak_has_no_backbone_and_says_so():
+    result = run(steady(30, 26, ", laws: [{kind: cubic, k3: 6.0e8}]"))
+    assert "response/backbone/omega" not in result
+    assert "no backbone" in result.group_attrs["response/harmonic_balance"]["note"]
+
+
+def test_steady_states_of_a_reduced_structure_keep_their_band():
+    beam = """dynid: 1
+kind: identification
+structure: {beam: {elements: 6, length: 1, EI: 500, rhoA: 3, supports: [{node: 1, fix: [w, theta]}], damping: {alpha: 1}}}
+joints: {tip: {dofs: [w_7], laws: [{kind: cubic, k3: 1.0e6}]}}
+reduction: {method: joint-aware}
+responses: {harmonic_balance: {dof: w_7, amplitude: 1, start: 6, stop: 10, unit: Hz, stability: false}}
+"""  # noqa: E501
+    whole = "".join(line for line in beam.splitlines(keepends=True) if not line.startswith("reduction"))
+    reduced, full = (run(text)["response/harmonic_balance/amplitude"].data.max() for text in (beam, whole))
+    assert reduced == pytest.approx(full, rel=1e-3)
