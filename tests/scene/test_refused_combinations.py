@@ -26,6 +26,14 @@ structure: {lumped: {masses: [1, 0.5], links: [{dofs: [1], k: 2.0e4, c: 4}]}}
 joints: {bolt: {dofs: [1, 2], k: {start: 8.0e3}, c: 1LAWS}}
 """
 STEADY = "responses: {harmonic_balance: {dof: 2, amplitude: 4, start: START, stop: STOP, unit: Hz}}\n"
+PORT = "analysis: {inputs: [r], outputs: [m.f], results: [properties], port: v -> m}"
+LATE = "{from: k.q, to: F, controller: {gain: 1, delay: 0.1}, setpoint: r}"
+LATER = "samples: 20, channels: [{output: m.f}], simulate: {seed: 2}"
+HELD_OUT = f"seed: 1}}, held_out: [{{{LATER}}}]"
+FUNCTIONS = """measurement:
+  channels: [{dof: 2, quantity: acceleration, reference: {dof: 2}}]
+  frf: {simulate: {lines: {start: 1, stop: 40, points: 40, unit: Hz}}}
+"""
 STEADY_HZ = STEADY.replace("START", "1").replace("STOP", "2")
 
 
@@ -85,6 +93,18 @@ IDENTIFIED = "excitation: [{source: F, kind: sine, amplitude: 1, frequency: 1}]\
         (
             graph("", "identification", more=f"{IDENTIFIED}\n{STEADY_HZ}"),
             "'responses' are of a structure, not of a graph",
+        ),
+        (
+            graph("", "identification", more=IDENTIFIED.replace("seed: 1}", HELD_OUT)),
+            "records are 'held_out' of a structure",
+        ),
+        (
+            STRUCTURE.replace("LAWS", "") + "estimator: {laws: [linear, cubic]}\n" + FUNCTIONS,
+            "frequency responses and modes are linear",
+        ),
+        (
+            graph(f"control: {{loops: [{LATE}]}}", more=PORT),
+            "there is no 'port' where a loop has a delay",
         ),
     ],
 )  # fmt: skip
