@@ -27,6 +27,8 @@ from dynid.store.files import hollow, write_blocks
 from dynid.trial import messages, survives
 from tests.copies import told_by_a_copy
 
+pytestmark = pytest.mark.thorough
+
 
 @pytest.mark.parametrize(
     ("name", "outcome"),

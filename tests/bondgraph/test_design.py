@@ -17,6 +17,8 @@ from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.errors import Unreachable
 from dynid.parameters import Parameter
 
+pytestmark = pytest.mark.thorough
+
 
 def graph(elements, chains):
     nodes = []
@@ -88,7 +90,6 @@ def compliance(f, z, omega, mu=0.1):
     return (mu * s**2 + strut) / ((s**2 + 1 + strut) * (mu * s**2 + strut) - strut**2)
 
 
-@pytest.mark.thorough
 def test_no_point_of_a_grid_has_a_lower_peak_in_a_band():
     found = designed([Criterion("peak", X, "F", 0.5, 0.9)], starts=4)
     omega = np.linspace(0.5, 0.9, 4001)
@@ -267,7 +268,6 @@ def test_a_norm_without_a_minimum_is_refused():
     assert error.value.names[0] == "design.free.c"
 
 
-@pytest.mark.thorough
 def test_a_peak_in_a_band_needs_no_stability_outside_of_it():
     c = Parameter("c", 0.1, low=0.01, high=1.0)
     speed = Port("J1", "f")

@@ -29,6 +29,8 @@ from tests.bondgraph.graphs import build, port
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 from tests.bondgraph.tableau import determinant_at, transfer_at
 
+pytestmark = pytest.mark.thorough
+
 #: Spellings of one number each: square roots and powers, and functions beside them.
 ROOTS = (
     ("sqrt(2)", "2**0.5", "2/sqrt(2)", "sqrt(8)/2", "(1 + sqrt(2)) - 1", "0.5**(-1/2)"),

@@ -15,6 +15,8 @@ from tests.bondgraph.graphs import ISOLATOR, solvable, transfer, transfers, writ
 from tests.bondgraph.random_graphs import random_graph
 from tests.bondgraph.tableau import transfer_at
 
+pytestmark = pytest.mark.thorough
+
 EPS = 2.0**-53
 
 
@@ -203,7 +205,6 @@ def test_a_compliance_on_an_effort_source_answers_with_the_derivative():
     assert np.abs(found - 30 * np.cos(5 * TIMES)).max() <= 1e-13 * 30
 
 
-@pytest.mark.thorough
 def test_step_responses_of_random_graphs():
     times = np.linspace(0, 4, 9)
     checked = 0

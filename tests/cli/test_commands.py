@@ -17,6 +17,8 @@ from tests.copies import told_by_a_copy
 from tests.sample import sample
 from tests.scene.test_scene_faults import TEN, TEN_PLACES
 
+pytestmark = pytest.mark.thorough
+
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 
 
@@ -74,7 +76,6 @@ def test_ten_mistakes_come_in_one_go_with_exit_2(dynid, tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["ten.yaml"]
 
 
-@pytest.mark.thorough
 def test_a_terminal_with_few_letters_gets_the_rest(folder):
     left = subprocess.run(
         [sys.executable, "-m", "dynid", "run", "small.yaml"],
@@ -227,7 +228,6 @@ def test_compare_finds_no_difference_between_two_runs_of_one_scene(dynid):
     assert dynid("compare", "small.h5", "again.h5") == (0, "no differences\n", "")
 
 
-@pytest.mark.thorough
 @pytest.mark.usefixtures("folder")
 def test_compare_lists_differences_with_exit_1_within_the_tolerances_asked_for(dynid):
     dynid("run", "small.yaml", "-q")
@@ -291,7 +291,6 @@ def test_the_schema_keeps_to_draft_7_which_editors_know(dynid):
     assert set(_keywords(json.loads(dynid("schema")[1]))) <= _KEYWORDS
 
 
-@pytest.mark.thorough
 def test_a_new_scene_names_the_schema_that_is_written_with_it(dynid, folder):
     code, out, _ = dynid("new", "reduction")
     assert (code, len(out.splitlines())) == (0, 2)

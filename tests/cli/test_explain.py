@@ -20,6 +20,8 @@ from dynid.store import write_result
 from dynid.templates.chain import chain_scene
 from dynid.trial import messages
 
+pytestmark = pytest.mark.thorough
+
 OSCILLATOR = """
 dynid: 1
 kind: bond-graph
@@ -136,7 +138,6 @@ measurement: {step: 0.05, samples: 200, channels: [{dof: 1, quantity: velocity}]
 """
 
 
-@pytest.mark.thorough
 def test_what_a_record_cannot_see_is_named_and_is_what_the_run_says(dynid, folder):
     (folder / "deaf.yaml").write_text(DEAF)
     code, out, err = dynid("check", "--explain", "deaf.yaml")
@@ -379,7 +380,6 @@ def test_an_explanation_without_an_end_is_cut_off_and_named(dynid, folder, expla
     assert "the explanation is not complete: after 5 s of processor time it was at 'assigning" in out
 
 
-@pytest.mark.thorough
 def test_where_no_process_can_be_started_a_scene_is_explained_in_this_one(dynid, folder, monkeypatch):
     (folder / "one.yaml").write_text(OSCILLATOR)
     separate = dynid("check", "--explain", "one.yaml")
@@ -405,7 +405,6 @@ collect: [bond_graph/transfer_function]
 """
 
 
-@pytest.mark.thorough
 def test_a_study_counts_what_is_left_and_says_why_samples_run_alone(dynid, folder):
     (folder / "one.yaml").write_text(OSCILLATOR)
     (folder / "s.yaml").write_text(STUDY)
@@ -464,7 +463,6 @@ def test_sizes_are_said_with_one_or_two_digits(size, text):
     assert size_text(size) == text
 
 
-@pytest.mark.thorough
 def test_faults_are_said_as_without(dynid, folder):
     (folder / "bad.yaml").write_text(OSCILLATOR.replace("value: 2", "valu: 2"))
     assert dynid("check", "--explain", "bad.yaml") == dynid("check", "bad.yaml")

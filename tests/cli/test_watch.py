@@ -14,6 +14,8 @@ from dynid.cli.watch import Board, Notice, Watch, files_of, serving, stamp
 from dynid.errors import UsageError
 from dynid.store import read_result as open_result
 
+pytestmark = pytest.mark.thorough
+
 
 def ask(server, path="/", method="GET", token=None, **headers):
     connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=600)
@@ -218,7 +220,6 @@ def test_what_makes_no_sense_is_refused(dynid, args, code, message):
     assert message in err
 
 
-@pytest.mark.thorough
 def test_a_saved_scene_is_run_again_and_ctrl_c_ends_it(folder):
     command = [sys.executable, "-m", "dynid", "watch", "small.yaml", "--no-browser"]
     watch = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder)

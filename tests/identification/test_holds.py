@@ -14,7 +14,7 @@ from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter
 
-pytestmark = pytest.mark.usefixtures("complete")
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("complete")]
 
 STEP, SAMPLES, K, C = 0.02, 1000, 400.0, 0.8
 CHANNELS = (Channel(1, "acceleration"), Channel(2, "acceleration"))

@@ -39,6 +39,8 @@ from tests.identification.structures import (
 )
 from tests.sample import sample
 
+pytestmark = pytest.mark.thorough
+
 RIGS = rigs()
 # The beam with all its modes takes seconds.
 QUICK = [name for name in RIGS if not name.startswith("beam")]
@@ -98,7 +100,6 @@ SEVERAL_LINES = [name for name in QUICK if "sine" not in name or "suspension, si
 LONG = [name for name in SEVERAL_LINES if name in ("chain, random", "chain, impact")]
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "noise"),
     [
@@ -130,7 +131,6 @@ def test_sixty_seeds_of_noise_on_the_suspension_with_one_sine():
     assert not any(noise_only(rig, seed)["converged"] for seed in range(60))
 
 
-@pytest.mark.thorough
 @pytest.mark.usefixtures("poor_starts")
 @pytest.mark.parametrize("records", [1, pytest.param(12, marks=pytest.mark.slow)])
 def test_a_p_value_of_no_response_is_uniform_at_a_line(records):

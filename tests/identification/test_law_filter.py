@@ -25,6 +25,8 @@ from dynid.structure.ports import Channel, Load
 from tests.identification.test_law_coverage import clean_record, measured
 from tests.identification.test_law_coverage import model as law_model
 
+pytestmark = pytest.mark.thorough
+
 
 def unknown(value, *, signed=False):
     return JointParameter(start=1.02 * value, true=value, signed=signed)
@@ -69,7 +71,6 @@ LAWS = {
 }  # fmt: skip
 
 
-@pytest.mark.thorough
 @pytest.mark.skipif(not compiled("dynid_law_filter"), reason="dynid was installed without its library of C")
 @pytest.mark.parametrize("sigma_points", [False, True])
 @pytest.mark.parametrize("name", LAWS)
@@ -102,7 +103,6 @@ def test_a_law_without_force_leaves_the_filter_of_the_linear_model(quantity):
     assert np.abs(got.states - expected.states).max() < 1e-3 * np.abs(expected.states).max()
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("estimator", [Filter(), sigma_point_filter(passes=2)], ids=["filter", "sigma-point"])
 @pytest.mark.parametrize(
     ("kind", "noises", "samples"),

@@ -23,7 +23,7 @@ from tests.identification.cases import (
 from tests.identification.test_reduced_models import BEAM
 from tests.scene.example_scenes import check
 
-pytestmark = pytest.mark.usefixtures("complete")
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("complete")]
 
 # The force had been acting for 10 s when the record began.
 LOADS = (Load(5, Multisine([100] * 3, [70, 110, 250], [700, 1100, 2500])),)
@@ -78,7 +78,6 @@ def clipped(level):
     return Measurement(0.002, 800, VELOCITIES, np.clip(clean, -size, size))
 
 
-@pytest.mark.thorough
 @pytest.mark.usefixtures("poor_starts")
 def test_a_clipped_record_is_a_warning():
     result = run(measurement=clipped(1.2), loads=LOADS, estimator=OutputError())

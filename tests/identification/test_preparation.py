@@ -14,6 +14,8 @@ from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
 
+pytestmark = pytest.mark.thorough
+
 STEP, SAMPLES = 0.01, 2000
 CHANNELS = (Channel(2, "displacement"), Channel(1, "acceleration"))
 K, C = 300.0, 1.5

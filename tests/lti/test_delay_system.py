@@ -27,6 +27,8 @@ from dynid.lti.signals import (
 )
 from dynid.lti.state_space import StateSpace
 
+pytestmark = pytest.mark.thorough
+
 
 def loop(numerator, denominator, gains, delays):
     """u = w - Σ g_i y(t - τ_i) of a plant y = G u; output y."""
@@ -169,7 +171,6 @@ def worst_error(seeds):
     return worst
 
 
-@pytest.mark.thorough
 def test_random_loops_agree_with_cascades_in_ball_arithmetic():
     assert worst_error(range(6)) <= 1e-13
 

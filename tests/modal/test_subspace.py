@@ -7,6 +7,8 @@ from dynid.errors import NumericalError
 from dynid.modal.subspace import analyse_outputs
 from tests.modal.outputs import accelerations, chain, standardised_outputs
 
+pytestmark = pytest.mark.thorough
+
 STEP, BAND = 1 / 40, (6.0, 120.0)
 
 

@@ -18,6 +18,8 @@ from dynid.scene.load import check_source
 from dynid.scene.outcomes import gather
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 CONFIGS = Path(__file__).parents[2] / "configs"
 CHANNEL = "bond_graph/transfer_function/m_s.f/v_in"
 VARIED = ("parameters.m_s", "parameters.b", "parameters.A_p", "parameters.C_a")
@@ -289,7 +291,6 @@ def suspension():
     )
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     "overrides",
     [

@@ -15,6 +15,8 @@ from dynid.errors import SceneError, UsageError
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 SERVO = """
 dynid: 1
 kind: bond-graph
@@ -102,7 +104,6 @@ def test_a_setpoint_is_ahead_of_the_controller(controller, top, bottom):
             np.testing.assert_array_equal(result[path].data, plain[path].data)
 
 
-@pytest.mark.thorough
 def test_a_setpoint_beside_a_reference():
     """u = r + C e^(-s τ) (w - i): integral action makes the current follow w, and reject r."""
     text = """
@@ -293,7 +294,6 @@ def late_loop(s, tau=0.02):
     return plant, 20 * plant * np.exp(-s * tau)
 
 
-@pytest.mark.thorough
 def test_frequency_responses_have_the_delay_as_it_is():
     text = LATE.replace("[shaft.q]", "[shaft.q, m.L.f]")
     frequencies = "  frequency: {start: 0.5, stop: 50, points: 30}\nparameters:"
@@ -310,7 +310,6 @@ def test_frequency_responses_have_the_delay_as_it_is():
     np.testing.assert_allclose(result[f"{group}/T"].data[:, 1], loop / (1 + loop), rtol=1e-12)
 
 
-@pytest.mark.thorough
 def test_what_is_approximate_is_marked_and_verdicts_are_true():
     result = dynid.run(scene(LATE))
     root = "bond_graph/transfer_function/shaft.q/target"
@@ -342,7 +341,6 @@ def limit():
     return dynid.run(scene(LATE.replace("0.02", "0")))["bond_graph/margins/delay"].data[1]
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(("tau", "stable"), [(0.002, True), (0.02, False)])
 def test_verdicts_with_delays(limit, tau, stable):
     """The delay margin of the loop without delay is where it turns unstable."""
@@ -518,7 +516,6 @@ def test_a_sampled_controller_of_either_method_is_valid(controller):
     ).model.control.sampled
 
 
-@pytest.mark.thorough
 def test_results_of_sampled_loops():
     result = dynid.run(
         scene(SAMPLED.replace("inputs: [w]", "inputs: [w], frequency: {start: 1, stop: 9, points: 3}"))
@@ -709,7 +706,6 @@ def test_the_state_equations_are_solved_once_for_the_notes_of_all_outputs(monkey
     assert len(calls) == 1
 
 
-@pytest.mark.thorough
 def test_terms_that_add_up_at_equal_delays_are_divided_exactly():
     """A lossless line between 0.5 and 3, as four loops: 1 + Γ_S Γ_L e^(-2 s T) is left with its delays."""
     result = dynid.run(
@@ -737,7 +733,6 @@ control:
     assert np.exp(-2 * pole) == pytest.approx(1 / reflection, rel=1e-12)
 
 
-@pytest.mark.thorough
 def test_the_response_between_samples_is_that_of_an_integrator():
     """A PI on a mass, half a period of computation, against DOP853 from hold to hold."""
     pid, second = "{pid: {kp: 1, ki: 0.3, kd: 0.4, tf: 0.2}, sample: 0.1}", SAMPLED.splitlines()[8]
@@ -787,7 +782,6 @@ def test_responses_of_more_than_a_million_samples_are_refused():
         dynid.run(scene(text))
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(("stiffness", "stable"), [(1e300, True), (-1e300, False), (-1e155, False)])
 def test_a_late_loop_around_a_spring_beyond_all_measure_has_its_verdict(stiffness, stable):
     """The loop is weak beside the spring, whose sign decides; natural frequencies are up to 1e150 rad/s."""

@@ -12,6 +12,8 @@ from dynid.errors import NumericalError
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 TIME, STOP = "bond_graph/time_response", 3
 
 DUFFING = """

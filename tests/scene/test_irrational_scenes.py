@@ -12,6 +12,8 @@ from dynid.study.executors import SerialExecutor
 from dynid.study.plan import make_plan
 from dynid.study.run import run_study
 
+pytestmark = pytest.mark.thorough
+
 PROPERTIES = "bond_graph/properties"
 
 

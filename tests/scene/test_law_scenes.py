@@ -12,6 +12,8 @@ from dynid.scene.load import check_source
 from dynid.scene.schema.base import aspects_of
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 POINT = "bond_graph/operating_point"
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -78,7 +80,6 @@ def servo_point():
     return K, u, x, p, a, b, q
 
 
-@pytest.mark.thorough
 def test_the_equilibrium_of_the_servo_is_that_by_hand(servo):
     K, u, x, p, a, b, q = servo_point()
     expected = {"oil_a.e": a, "oil_b.e": b, "load_spring.q": q, "in_a.f": K * (u + x) * mp.sqrt(p - a)}

@@ -11,6 +11,8 @@ from dynid.errors import SceneError
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 TIME = "bond_graph/time_response"
 STOP, STEP = 0.6, 0.05
 

@@ -9,6 +9,8 @@ from dynid.report.content import content
 from dynid.report.figure import figures
 from tests.scene.example_scenes import faults_of
 
+pytestmark = pytest.mark.thorough
+
 ROTOR = """\
 dynid: 1
 kind: identification

@@ -12,6 +12,8 @@ from dynid.errors import SceneError
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 MOTOR = """
 dynid: 1
 kind: bond-graph

@@ -11,6 +11,8 @@ from dynid.report.page.document import page
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
+pytestmark = pytest.mark.thorough
+
 #: Two masses that do not act on each other, each on a damper, driven by a loop of its own.
 APART = """\
 dynid: 1
@@ -91,7 +93,6 @@ def test_a_part_without_output_counts():
         assert ("whole system" in summary(result, "")) == (damper != 2)
 
 
-@pytest.mark.thorough
 def test_infinitely_many_and_undecided_poles_have_numbers_of_their_own():
     late = APART.replace("from: n.f", "from: n.e")
     result, _ = run(late, MASS=1, FIRST=1, SECOND=1.5, LATE=0.3)  # L = 1.5 s/(s + 2) e^(-0.3 s)

@@ -17,6 +17,8 @@ from dynid.structure.ports import Channel, Load
 from dynid.structure.response import frequency_response, time_response
 from dynid.structure.rotors import add_campbell, whirl, whirl_modes
 
+pytestmark = pytest.mark.thorough
+
 DISC: tuple[Label, ...] = ("1:x", "1:y", "1:rx", "1:ry")
 
 

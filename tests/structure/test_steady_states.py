@@ -34,6 +34,8 @@ from dynid.structure.nonlinear.steady_states import GROUP, harmonic_balance
 from dynid.structure.ports import Channel, Load
 from dynid.structure.response import frequency_response, time_response
 
+pytestmark = pytest.mark.thorough
+
 LAWS = {
     "cubic": BoundLaw(Cubic(), (2.0,)),
     "jenkins": BoundLaw(Jenkins(), (3.0, 1.0)),

@@ -13,6 +13,8 @@ from dynid.study.analysis.sample_statistics import NAMES, statistics
 from dynid.study.analysis.table import StudyTable
 from tests.study.studies import write
 
+pytestmark = pytest.mark.thorough
+
 COUNT = 50
 RNG = np.random.default_rng(11)
 COLUMNS = {"parameters.b": RNG.random(COUNT), "estimator.method": ["filter", "auto"] * (COUNT // 2)}
