@@ -57,9 +57,9 @@ class OtherHold(Explanation):
 
 
 def better_hold(posterior: Posterior) -> list[str]:
-    """Return the hold with which the records fit and are far likelier; else one that would move the estimate.
+    """Return a sentence on the hold with which the records fit and are far likelier, else would move.
 
-    None where every other hold is far less likely, or moves nothing.
+    Empty where every other hold is far less likely, or moves nothing.
     """
     holds = sorted(_other_holds(posterior.likelihood, posterior.fit.eta), key=lambda hold: -hold.gain)
     if holds and holds[0].gain > _LEAST_GAIN and not holds[0].comparison.lacks_fit:

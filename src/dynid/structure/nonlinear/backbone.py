@@ -12,7 +12,7 @@ import numpy as np
 
 from dynid.arrays import Array, ComplexArray
 from dynid.structure.nonlinear.cycle import further_harmonics
-from dynid.structure.nonlinear.harmonic_balance import Condensed, ForcedResponse, to_complex, to_real
+from dynid.structure.nonlinear.harmonic_balance import Condensed, ForcedResponse, to_complex, to_real, turned
 
 
 class BackboneCurve(ForcedResponse):
@@ -32,10 +32,10 @@ class BackboneCurve(ForcedResponse):
         """Return the unknowns near a resonance: deflections, frequency, and amplitudes of all modes there."""
         s, r = self.structure, self.mode
         amplitudes = to_complex(q.T)
-        turned = np.exp(-1j * np.arange(len(amplitudes)) * np.angle(modal[1, r]))
+        turn = np.exp(-1j * np.arange(len(amplitudes)) * np.angle(modal[1, r]))
         growth = s.damping[r] if s.damping.ndim == 1 else s.damping[r, r]
         self.harmonics = self.order(q)
-        return np.append(to_real(amplitudes * turned[:, None]).T.ravel(), [omega, growth, abs(modal[1, r])])
+        return np.append(to_real(amplitudes * turn[:, None]).T.ravel(), [omega, growth, abs(modal[1, r])])
 
     def scale(self, u: Array) -> Array:
         """Return the sizes of the unknowns."""
@@ -72,13 +72,12 @@ class BackboneCurve(ForcedResponse):
         residual[1] -= deflection * amplitude
         own = stiffness * amplitude + deflection @ F[1]
         columns, own_columns = [], []
-        by_growth = -1j * omega * np.arange(len(X))[:, None] * np.ones(n)
+        by_growth = np.asarray(-1j * omega * np.arange(len(X))[:, None] * np.ones(n))
         for by, by_first in (
             (by_omega[: len(X)], first_by_omega),
             (by_growth, np.diag(by_growth[1])),
         ):
-            turned = by[:, :, None] * X if by.ndim == 2 else by @ X
-            column = -np.einsum("hni,hnj,hj->hi", X, turned, F)
+            column = -np.einsum("hni,hnj,hj->hi", X, turned(by, X), F)
             moved = -X[1].T @ (by_first @ shape)  # of the deflection
             column[1] -= moved * amplitude
             columns.append(column)

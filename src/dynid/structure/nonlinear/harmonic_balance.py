@@ -190,7 +190,9 @@ class ForcedResponse:
         self.structure, self.load, self.amplitude = structure, load, amplitude
         self.max_harmonics, self.harmonics = max_harmonics, min(MIN_HARMONICS, max_harmonics)
         self.memory = LawMemory(structure)
-        self._left_out, self._needed = 0.0, MIN_HARMONICS
+        #: What harmonics beyond the last would deflect at the last solution, relative to the deflection.
+        self.left_out = 0.0
+        self._needed = MIN_HARMONICS
         self._last: tuple[Array, JointForces]
 
     @property
@@ -241,16 +243,14 @@ class ForcedResponse:
         self._last = u, forces
         Z, dZ = s.stiffness(omega, further_harmonics(self.order(q)))
         Z = s.free(Z)
-        X, A = self.compliance(
-            Z, s.deflections.T, q, forces
-        )  # harmonics x n x joints, harmonics x joints x joints
-        turned = _turned(dZ[: len(X)], X)
+        X, A = self.compliance(Z, s.deflections.T, q, forces)
+        by_turned = turned(dZ[: len(X)], X)
         F, F_omega = (to_complex(f[:, : q.shape[1]].T) for f in (forces.coefficients, forces.by_omega))
         residual = to_complex(q.T) + np.einsum("hij,hj->hi", A, F)
         by_omega = np.einsum("hij,hj->hi", A, F_omega)
-        by_omega -= np.einsum("hni,hnj,hj->hi", X, turned, F)
+        by_omega -= np.einsum("hni,hnj,hj->hi", X, by_turned, F)
         residual[1] -= X[1].T @ self.load * self.amplitude
-        by_omega[1] += turned[1].T @ _solved(Z[1:2], self.load[:, None])[0, :, 0] * self.amplitude
+        by_omega[1] += by_turned[1].T @ _solved(Z[1:2], self.load[:, None])[0, :, 0] * self.amplitude
         matrix = self.by_motion(A, forces)
         return to_real(residual).T.ravel(), np.column_stack([matrix, to_real(by_omega).T.ravel()])
 
@@ -271,7 +271,7 @@ class ForcedResponse:
         A = s.deflections @ X
         further = np.einsum("hij,hj->hi", A, to_complex(forces.coefficients.T))[harmonics + 1 :]
         size = np.abs(q).sum(axis=1).max() or 1.0
-        self._left_out = float(np.abs(further).max(initial=0.0)) / size
+        self.left_out = float(np.abs(further).max(initial=0.0)) / size
         parts = np.abs(to_complex(q.T)).max(axis=1) > _NEEDED * s.tail * size
         self._needed = int(np.flatnonzero(parts).max(initial=0))
         return X[: harmonics + 1], A[: harmonics + 1]
@@ -290,14 +290,9 @@ class ForcedResponse:
         size = float(np.abs(self.motion(u)).sum(axis=1).max()) or 1.0
         return np.append(np.full(len(u) - 1, size), abs(u[-1]))
 
-    @property
-    def left_out(self) -> float:
-        """What harmonics beyond the last would deflect at the last solution, relative to the deflection."""
-        return self._left_out
-
     def resized(self, u: Array) -> Array | None:
         """Return the unknowns with more harmonics, if those left out would move the joints, else None."""
-        if self._left_out <= self.structure.tail or self.harmonics >= self.max_harmonics:
+        if self.left_out <= self.structure.tail or self.harmonics >= self.max_harmonics:
             if self._needed < self.harmonics - _SPARE:
                 self.harmonics = max(MIN_HARMONICS, self._needed + 2)
             return None
@@ -324,7 +319,7 @@ class ForcedResponse:
         return np.asarray(_solved(s.free(Z), modal[:, :, None])[:, :, 0])
 
 
-def _turned(Z: ComplexArray, X: ComplexArray) -> ComplexArray:
+def turned(Z: Array | ComplexArray, X: ComplexArray) -> ComplexArray:
     """Return ``Z X`` of each harmonic, Z diagonal or full."""
     return np.asarray(Z[:, :, None] * X if Z.ndim == 2 else Z @ X)
 

@@ -86,14 +86,13 @@ def harmonic_balance(
     omegas: list[float] = []
     left_out = 0.0
     top = 0.0, first.u, np.zeros((0, 0), dtype=complex)  # amplitude of the first harmonic, unknowns, modes
-    peak = 0
     for u in trace(equations, first, low, high, stop, points, longest):
         omegas.append(float(u[-1]))
         left_out = max(left_out, equations.left_out)
         modal = equations.modal_motion(u)
         motions.append(modal @ row)
         if (size := float(np.abs(motions[-1][1]))) > top[0]:
-            top, peak = (size, u, modal), len(motions) - 1
+            top = size, u, modal
         if floquet is not None:
             hidden = [0.0 if state is None else state[0] for state in equations.memory.hidden]
             verdict = floquet.stability(omegas[-1], modal, np.array(hidden))
@@ -117,7 +116,7 @@ def harmonic_balance(
         result.add(f"{GROUP}/multiplier", multipliers, ("point",))
     folds = int(np.count_nonzero(np.diff(np.sign(np.diff(omega)))))
     result.annotate(GROUP, force=amplitude, folds=folds, dof=str(dof), output=str(read))
-    notes = []
+    notes, peak = [], int(np.abs(response[:, 1]).argmax())
     if left_out > structure.tail:
         notes += [
             f"harmonics beyond {harmonics} would deflect a joint by {100 * left_out:.2g} % of its deflection"
