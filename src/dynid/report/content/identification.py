@@ -33,6 +33,7 @@ from dynid.report.content.responses import (
     modal_sections,
     modal_summary,
     response_sections,
+    rotor_sections,
     steady_sections,
 )
 from dynid.report.scenes import frequency_unit
@@ -42,8 +43,6 @@ from dynid.result import Result
 _MASSLESS_DOFS = 12
 #: Redundancy below which errors in masses and stiffnesses tend to stay unseen.
 _LITTLE = 10
-# Negative damping ratio that is rounding of an undamped rotor, and circularity below which a whirl is a line.
-_UNSTABLE, _LINE = 1e-12, 5e-3
 #: Most channels whose residuals a sentence lists.
 _CHANNELS = 3
 # Most coefficients of a noise in a sentence.
@@ -174,32 +173,6 @@ def _computed_modes(result: Result) -> ReportSection:
         remark.append(Statement(f"note: {note}"))
     asked = not _has_estimates(result) and "bond_graph" not in result.group_attrs
     return ReportSection("Modes", (table, *remark), "answer" if asked else "details", screen="")
-
-
-def rotor_sections(result: Result) -> Iterator[ReportSection]:
-    """Yield the modes of a rotor."""
-    group = "structure/complex_modes"
-    if f"{group}/whirl" not in result:
-        return
-    columns = (result[f"{group}/{name}"].data for name in ("omega", "damping", "whirl"))
-    rows = tuple(
-        (str(k), significant(w, 5), significant(w / math.tau, 5), f"{100 * ratio + 0.0:.3g} %", _sense(turn))
-        for k, (w, ratio, turn) in enumerate(zip(*columns, strict=True), 1)
-    )
-    caption = f"{counted(len(rows), 'mode')} of {counted(len(result[f'{group}/dof'].data), 'DOF')}"
-    table = TextTable(("mode", "rad/s", "Hz", "ζ", "whirl"), rows, caption=caption, noun="mode").filled()
-    unstable = [
-        row[0] for row, ratio in zip(rows, result[f"{group}/damping"].data, strict=True) if ratio < -_UNSTABLE
-    ]
-    remark = [Statement(f"unstable: mode {', '.join(unstable)}", "bad")] if unstable else []
-    yield ReportSection("Modes of the rotor", (table, *remark), "answer", screen="")
-
-
-def _sense(turn: float) -> str:
-    """Return the sense of a whirl, and how circular it is."""
-    if math.isnan(turn):
-        return "—"
-    return f"{'forward' if turn > 0 else 'backward'} {abs(turn):.2f}" if abs(turn) > _LINE else "line"
 
 
 def _estimates_group(result: Result) -> str:

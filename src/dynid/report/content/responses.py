@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.number_format import counted, general, quantity, span_text
+from dynid.number_format import counted, general, quantity, significant, span_text
 from dynid.report.content.blocks import ALL, ReportSection, Statement, TextTable, on_page
 from dynid.report.notation import texts
 from dynid.report.scenes import frequency_span, frequency_unit, peak_responses, time_courses
@@ -16,6 +16,8 @@ from dynid.result import Result
 
 #: Group of the modes in a result.
 GROUP = "identification/modes"
+# Negative damping ratio that is rounding of an undamped rotor, and circularity below which a whirl is a line.
+_UNSTABLE, _LINE = 1e-12, 5e-3
 
 
 def has_modes(result: Result) -> bool:
@@ -126,6 +128,32 @@ def derived_sections(result: Result) -> Iterator[ReportSection]:
 
 #: Group of the steady states in a result.
 STEADY, BACKBONE = "response/harmonic_balance", "response/backbone"
+
+
+def rotor_sections(result: Result) -> Iterator[ReportSection]:
+    """Yield the modes of a rotor."""
+    group = "structure/complex_modes"
+    if f"{group}/whirl" not in result:
+        return
+    columns = (result[f"{group}/{name}"].data for name in ("omega", "damping", "whirl"))
+    rows = tuple(
+        (str(k), significant(w, 5), significant(w / math.tau, 5), f"{100 * ratio + 0.0:.3g} %", _sense(turn))
+        for k, (w, ratio, turn) in enumerate(zip(*columns, strict=True), 1)
+    )
+    caption = f"{counted(len(rows), 'mode')} of {counted(len(result[f'{group}/dof'].data), 'DOF')}"
+    table = TextTable(("mode", "rad/s", "Hz", "ζ", "whirl"), rows, caption=caption, noun="mode").filled()
+    unstable = [
+        row[0] for row, ratio in zip(rows, result[f"{group}/damping"].data, strict=True) if ratio < -_UNSTABLE
+    ]
+    remark = [Statement(f"unstable: mode {', '.join(unstable)}", "bad")] if unstable else []
+    yield ReportSection("Modes of the rotor", (table, *remark), "answer", screen="")
+
+
+def _sense(turn: float) -> str:
+    """Return the sense of a whirl, and how circular it is."""
+    if math.isnan(turn):
+        return "—"
+    return f"{'forward' if turn > 0 else 'backward'} {abs(turn):.2f}" if abs(turn) > _LINE else "line"
 
 
 def steady_sections(result: Result) -> Iterator[ReportSection]:
