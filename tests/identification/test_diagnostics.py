@@ -211,6 +211,7 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
         "optima": None,
         "ambiguous": False,
         "undetermined": (),
+        "rejection": None,
         "decided_by": ["data", "data"],
     }
     return SimpleNamespace(

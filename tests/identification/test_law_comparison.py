@@ -156,3 +156,44 @@ def test_candidates_need_a_likelihood_of_a_record_of_time(tmp_path):
     )
     with pytest.raises(dynid.errors.SceneError, match="compared by a record of time"):
         dynid.load_scene(path)
+
+
+def test_candidates_find_what_a_rejected_linear_fit_has_lost(tmp_path):
+    """Its damping went to zero, where it has no effect, and its stiffness to more than twice the joint's."""
+    more = ", laws: [{kind: cubic, k3: {start: 6.0e8, true: 6.0e8}}]"
+    text = SCENE.format(laws="linear", more=more, size=30, samples=200, seed=1)
+    text = text.replace("{start: 9800, true: 1.0e4}", "8000").replace("{start: 4.1, true: 4}", "2")
+    text = text.replace(
+        "amplitude: [30, 30, 30], frequency: [60, 85, 120]", "amplitude: [30, 30], frequency: [40, 200]"
+    )
+    (tmp_path / "record.yaml").write_text(text.replace(", laws: [linear]}", "}"))
+    group = "identification/measurement"
+    record = run(load_scene(tmp_path / "record.yaml"), Selection("identification", [group]))
+    columns_of_file = np.column_stack([record[f"{group}/time"].data, record[f"{group}/measured"].data])
+    np.savetxt(tmp_path / "record.csv", columns_of_file, delimiter=",", header="t,one,two", comments="")
+    text = text.replace(more, "").replace("k: 8000", "k: {start: 1.0e4}").replace("c: 2", "c: {start: 4}")
+    text = text.replace(
+        "simulate: {noise_ratio: 0.01, seed: 1}", "file: {path: record.csv, columns: [one, two]}"
+    )
+    found = {}
+    for candidates in ("linear, cubic, gap", "linear, gap", "linear, quadratic_damping"):
+        (tmp_path / "scene.yaml").write_text(text.replace("laws: [linear]", f"laws: [{candidates}]"))
+        result = run(load_scene(tmp_path / "scene.yaml"))
+        found[candidates] = columns(result), result.group_attrs["identification/laws"]["verdict"], result
+    laws, verdict, result = found["linear, cubic, gap"]
+    assert "distinguishes cubic" in verdict
+    assert set(laws["distinguishable"].values()) == {True}
+    estimates = result["identification/laws/estimates"].data[1]
+    values = dict(part.split(" ") for part in estimates.split(", "))
+    for name, true in (("k", 8000), ("c", 2), ("k3", 6e8)):
+        assert float(values[f"bolt.{name}"]) == pytest.approx(true, rel=0.005)
+    # What a candidate cannot explain is said, and none is told from the others.
+    laws, verdict, result = found["linear, gap"]
+    assert "all lack fit, gap least: p " in verdict
+    laws, verdict, result = found["linear, quadratic_damping"]
+    assert "none explains this record; linear and quadratic_damping, the best: p " in verdict
+    assert set(laws["distinguishable"].values()) == {False}
+    warned = " ".join(diagnostic(result, "warnings").tolist())
+    assert "none of the compared laws explains it" in warned
+    assert "coloured" not in warned
+    assert "huber" not in warned

@@ -2,9 +2,12 @@
 
 A candidate stands in the place of the laws of the joints that have one; without any, beside stiffness and
 damping of the joint that the score test names (`likelihood.nonlinearity`). Its starts follow from the linear
-fit: the amplitude of the joint's deflection, and the stiffness seen there. A likelihood-ratio test against
+fit: the amplitude of the joint's deflection, and the stiffness seen there. Where this fit does not explain
+the records its other estimates may be far off: what it lost the effect of is free again, and candidates start
+from the scene's starts, too. A likelihood-ratio test against
 the linear joint is stated where it is regular: where forces are proportional to the parameters of the law.
-For slip and clearance the linear joint lies at infinity, so that BIC alone compares them.
+For slip and clearance the linear joint lies at infinity, so that BIC alone compares them. Records that the
+best candidate does not explain distinguish none.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -24,10 +28,12 @@ from dynid.errors import DynidError, UsageError
 from dynid.identification.diagnosis.importance import LikelihoodSize, likelihood_size
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.estimators.maximum_likelihood import refine, with_noise
+from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.problem import Problem
 from dynid.identification.statistics import chi_squared_tail
+from dynid.number_format import p_text
 from dynid.parameters import named
 from dynid.progress import report_progress
 from dynid.result import Result
@@ -70,6 +76,8 @@ class LawComparison:
     estimates: tuple[str, ...]  # names and values of the parameters of the joints, SI units
     # Each law as a joint states it, its parameters started at the estimates; empty of linear ones.
     statements: tuple[str, ...]
+    lack: str = ""  # how far the best candidate is from the records; empty where they do not contradict it
+    explained: bool = True  # by the best candidate, all but for a small part
 
     @cached_property
     def tied(self) -> NDArray[np.bool_]:
@@ -78,8 +86,11 @@ class LawComparison:
 
     @property
     def distinguishable(self) -> NDArray[np.bool_]:
-        """False of candidates that the records do not distinguish from the best one, or this from them."""
-        return np.asarray(~self.tied | (np.count_nonzero(self.tied) == 1))
+        """False of candidates that the records do not distinguish from the best one, or this from them.
+
+        Of all where none explains the records.
+        """
+        return np.asarray((~self.tied | (np.count_nonzero(self.tied) == 1)) & self.explained)
 
     @property
     def verdict(self) -> str:
@@ -88,20 +99,26 @@ class LawComparison:
         tied = [name for name, yes in zip(self.names, self.tied, strict=True) if yes]
         lost = [name for name, bic in zip(self.names, self.bic, strict=True) if np.isnan(bic)]
         failed = f"; not fitted: {', '.join(lost)}" if lost else ""
+        if not self.explained:
+            best = " and ".join(tied)
+            return f"laws of {where}: none explains this record; {best}, the best: {self.lack}{failed}"
+        lack = f"; all lack fit, {tied[0]} least: {self.lack}" if self.lack else ""
         if len(tied) > 1:
             return (
                 f"laws of {where}: {' and '.join(tied)} are not distinguishable by this record "
-                f"(BIC within {TIED_BIC:g}){failed}"
+                f"(BIC within {TIED_BIC:g}){lack}{failed}"
             )
         others = np.sort(self.bic[~np.isnan(self.bic)])
         apart = f" (BIC lower by {others[1] - others[0]:.4g} than the next)" if len(others) > 1 else ""
-        return f"laws of {where}: this record distinguishes {tied[0]} from the others{apart}{failed}"
+        return f"laws of {where}: this record distinguishes {tied[0]} from the others{apart}{lack}{failed}"
 
     @property
     def next_step(self) -> str:
         """What to do about a nonlinear joint after the comparison, as a clause."""
         best, tied = int(np.nanargmin(self.bic)), np.count_nonzero(self.tied) > 1
         where = f"joint{'s' if len(self.joints) > 1 else ''} {', '.join(self.joints)}"
+        if not self.explained:
+            return f"none of the compared laws explains it, in {where}: compare others, or start nearer"
         if not self.statements[best]:
             return f"none of the compared laws is better than a linear {where}: compare others"
         alike = ", which this record does not distinguish from others" if tied else ""
@@ -160,14 +177,18 @@ def compare_laws(
             maxima.append(None)
     rows = [_row(kind, maximum, linear) for kind, maximum in zip(kinds, maxima, strict=True)]
     log_likelihood, bic, p = np.array(rows).T
-    names = tuple(model.joints[k].name for k in comparison.places)
-    joints = tuple(dict.fromkeys(names))
+    joints = tuple(dict.fromkeys(model.joints[k].name for k in comparison.places))
+    best = maxima[int(np.nanargmin(bic))] if np.isfinite(bic).any() else None
     estimates = tuple(_estimates(maximum, joints) for maximum in maxima)
     statements = tuple(
         "" if kind == "linear" or maximum is None else _statement(kind, maximum, linear)
         for kind, maximum in zip(kinds, maxima, strict=True)
     )
-    return LawComparison(joints, tuple(kinds), log_likelihood, bic, p, estimates, statements)
+    fit = compare_models(best.likelihood, best.fit) if best is not None else None
+    lack, explained = "", fit is None or fit.explained or not fit.has_signal
+    if fit is not None and fit.has_signal and fit.lacks_fit:
+        lack = f"{p_text(fit.lack_of_fit_p, 1)}, {100 * fit.signal_explained:.3g} % of the signal explained"
+    return LawComparison(joints, tuple(kinds), log_likelihood, bic, p, estimates, statements, lack, explained)
 
 
 def _statement(kind: str, maximum: _Maximum, linear: _Maximum) -> str:
@@ -210,14 +231,22 @@ class _Comparison:
     """Candidates at joints of a model, about the fit of a posterior."""
 
     def __init__(self, problem: Problem, model: StructuralModel, posterior: Posterior) -> None:
-        self.problem, self.model, self.posterior = problem, model, posterior
+        self.explained = posterior.rejection is None and posterior.explained
+        self.problem, self.posterior = problem, posterior
+        self.model = model
         self.values = [record.full_data for record in posterior.likelihood.records]
-        self.places = [k for k, joint in enumerate(model.joints) if joint.laws]
+        self.places = [k for k, joint in enumerate(self.model.joints) if joint.laws]
         self.estimates = dict(zip(posterior.likelihood.names, posterior.values.tolist(), strict=True))
+        if not self.explained and isinstance(
+            problem.model, StructuralModel
+        ):  # what has no effect in a wrong model may have one in the right one
+            free = model.with_parameters(problem.model.parameters)
+            self.model = free.joined(problem.model.joints)
+            self.estimates = {k: v for k, v in self.estimates.items() if k not in posterior.undetermined}
         if self.places:
             return
         tested = posterior.nonlinearity
-        named = {_name(joint): k for k, joint in enumerate(model.joints)}
+        named = {_name(joint): k for k, joint in enumerate(self.model.joints)}
         if tested is None or not (scalar := [name for name in tested.joints if name in named]):
             raise UsageError(
                 "there is no joint that a law could act at: one between two DOFs, or along a component",
@@ -237,7 +266,10 @@ class _Comparison:
     def linear(self) -> _Maximum:
         """Return the fit with linear joints, which have a spring at least."""
         if not self.model.nonlinear:
-            return _maximum(self.posterior.likelihood, self.posterior.fit)
+            if not self.posterior.undetermined or self.explained:
+                return _maximum(self.posterior.likelihood, self.posterior.fit)
+            likelihood = self.candidate({})
+            return _refined(likelihood, _coordinates(likelihood, self.estimates), _MAX_STEPS)
         tangents = self._tangents()
         joints, values = {}, dict(self.estimates)
         for k in self.places:
@@ -303,13 +335,16 @@ class _Comparison:
                 remedy="State it among the 'laws' of the joint.",
                 names=("estimator.laws", "estimator"),
             )
-        tried = list(self._ranked(kind, stated, linear, seen))
-        tried.sort(key=lambda item: item[0])
+        origins = [dict(zip(linear.likelihood.names, _values(linear), strict=True))]
+        if not self.explained:
+            origins.append({})
         ends: list[_Maximum] = []
-        for number, (_, likelihood, eta) in enumerate(tried[:_REFINED_STARTS]):
-            for route in ((), _GROWING) if not number else ((),):
-                with suppress(DynidError):
-                    ends.append(_refined(likelihood, _guided(likelihood, eta, route), _MAX_STEPS))
+        for values in origins:
+            tried = sorted(self._ranked(kind, stated, values, seen), key=itemgetter(0))
+            for number, (_, likelihood, eta) in enumerate(tried[:_REFINED_STARTS]):
+                for route in ((), _GROWING) if not number else ((),):
+                    with suppress(DynidError):
+                        ends.append(_refined(likelihood, _guided(likelihood, eta, route), _MAX_STEPS))
         if not ends:
             raise DynidError(f"no start of the law {kind} can be followed")
         return max(ends, key=lambda end: end.size.log_likelihood)
@@ -318,11 +353,13 @@ class _Comparison:
         self,
         kind: str,
         stated: Mapping[int, tuple[JointLaw, ...]],
-        linear: _Maximum,
+        estimates: Mapping[str, float],
         seen: Mapping[int, _Seen],
     ) -> Iterator[tuple[float, Likelihood, Array]]:
-        """Yield starts of a candidate: their misfits, likelihoods and coordinates."""
-        estimates = dict(zip(linear.likelihood.names, _values(linear), strict=True))
+        """Yield starts of a candidate: their misfits, likelihoods and coordinates.
+
+        `estimates`: of the parameters with linear joints, those of the scene's starts where they are absent.
+        """
         for scale in [*_starts(kind)][: 1 if all(stated.values()) else None]:
             joints, values = {}, dict(estimates)
             for k in self.places:

@@ -141,14 +141,20 @@ def _unique_warnings(posterior: Posterior) -> Iterator[str]:
         )
 
 
+def nonlinear_step(posterior: Posterior) -> str:
+    """Return which joint is not linear, and what to do about it; empty where the score test finds none."""
+    tested = posterior.nonlinearity
+    if tested is None or not tested.nonlinear:
+        return ""
+    return f"{tested.verdict}; {posterior.next_laws or _NEXT_LAWS}"
+
+
 def _possible_causes(posterior: Posterior) -> str:
     """Return what may cause a lack of fit: estimates at a limit first, and the test of the joints."""
-    tested = posterior.nonlinearity
     causes = _POSSIBLE_CAUSES
-    if tested is not None and tested.nonlinear:
-        step = posterior.next_laws or _NEXT_LAWS
-        causes = f"Possible causes: a wrong mass or connection; {tested.verdict}; {step}"
-    elif tested is not None:
+    if step := nonlinear_step(posterior):
+        causes = f"Possible causes: a wrong mass or connection; {step}"
+    elif (tested := posterior.nonlinearity) is not None:
         causes = f"{_POSSIBLE_LINEAR_CAUSES}; {tested.verdict}"
     names, priors = posterior.likelihood.names, posterior.likelihood.priors
     held = np.flatnonzero(priors.at_bound(posterior.fit.eta) & ~priors.fixed)
@@ -160,7 +166,6 @@ def _possible_causes(posterior: Posterior) -> str:
 
 def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     """Warn of lack of fit, contradicted priors, and uncertain or hardly distinguishable parameters."""
-    compared = posterior.comparison
     names, errors = posterior.likelihood.names, posterior.error_in_bounds
     yield from posterior.mistakes
     if posterior.estimate.cut_off:
@@ -171,17 +176,7 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
             f"give fewer {rows}, or correct the noise model (measurement.noise) if residuals grow with the "
             "response"
         )
-    if compared.lacks_fit and compared.explained:
-        growing = posterior.growing
-        explained = posterior.mistakes or (growing is not None and growing.explained)
-        worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
-        causes = _possible_causes(posterior)
-        yield (
-            f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}), most of all in {worst}: it explains "
-            f"{share_text(compared.signal_explained)} of the signal; standard errors are nominal"
-            f"{_farthest_value(posterior)}"
-            f"{'' if explained or posterior.likelihood.records[0].modal else f'. {causes}'}"
-        )
+    yield from _lack_of_fit(posterior)
     if posterior.growing is not None:
         yield posterior.growing.statement
     for name, apart in zip(names, posterior.prior_conflict, strict=True):
@@ -214,6 +209,25 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
                     f"{names[j]} and {name} are hardly distinguishable (correlation {rho:.3f}): "
                     f"the {posterior.noun} determines their {combination} better than either"
                 )
+
+
+def _lack_of_fit(posterior: Posterior) -> Iterator[str]:
+    """Warn of a model that the residuals contradict, with what may be wrong."""
+    compared = posterior.comparison
+    if _fails(posterior):
+        if posterior.rejection is None and (step := nonlinear_step(posterior)):
+            yield step
+    elif compared.lacks_fit:
+        growing = posterior.growing
+        explained = posterior.mistakes or (growing is not None and growing.explained)
+        worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
+        causes = _possible_causes(posterior)
+        yield (
+            f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}), most of all in {worst}: it explains "
+            f"{share_text(compared.signal_explained)} of the signal; standard errors are nominal"
+            f"{_farthest_value(posterior)}"
+            f"{'' if explained or posterior.likelihood.records[0].modal else f'. {causes}'}"
+        )
 
 
 def _alike_damping(posterior: Posterior) -> Iterator[str]:
@@ -412,7 +426,7 @@ def _coloured_residuals(posterior: Posterior) -> Iterator[str]:
     for k, channels in coloured.items():
         # A mistake of an instrument that explains the lack of fit has a remedy of its own.
         explained = posterior.mistakes or (posterior.growing is not None and posterior.growing.explained)
-        remedy = "" if explained else posterior.likelihood.records[k].noise_remedy
+        remedy = "" if explained or _fails(posterior) else posterior.likelihood.records[k].noise_remedy
         if len(channels) == 1:
             name, size, peak = channels[0]
             yield (
@@ -472,7 +486,7 @@ def _shape_warnings(posterior: Posterior, channel: ChannelOfRecord, shape: Resid
         others = f" and at {count - _NAMED} more" if count > _NAMED else ""
         remedy = f", or use {record.outlier_remedy}" if record.outlier_remedy else ""
         many, it = ("an outlier", "it") if count == 1 else (f"{count} outliers", "them")
-        fails = posterior.rejection is not None or not posterior.comparison.explained
+        fails = _fails(posterior)
         # Errors of the data are single values, without which little of the residual is left.
         neighbours = count > 1 and np.min(np.diff(np.sort(shape.outliers))) == 1
         if fails and (neighbours or shape.share < _DOMINANT):
@@ -487,12 +501,18 @@ def _shape_warnings(posterior: Posterior, channel: ChannelOfRecord, shape: Resid
             f"deviations of its residual.{_weight_lost(channel, shape.share)} Correct {it} or leave {it} out "
             f"(empty cells){remedy}"
         )
-    elif shape.kurtosis_p < HEAVY_TAILS.value and record.outlier_remedy:
+    elif shape.kurtosis_p < HEAVY_TAILS.value and record.outlier_remedy and not _fails(posterior):
         yield (
             f"the residual of {channel.name} has heavy tails (kurtosis {shape.kurtosis:.3g}, of Gaussian "
             f"noise 3; largest at {record.row_label(shape.at)}): estimator: {{loss: huber}} bounds "
             "the influence of large residuals"
         )
+
+
+def _fails(posterior: Posterior) -> bool:
+    """Return True if the model does not explain the records: no noise model makes up for that."""
+    compared = posterior.comparison
+    return posterior.rejection is not None or (compared.lacks_fit and not compared.explained)
 
 
 def _weight_lost(channel: ChannelOfRecord, share: float) -> str:

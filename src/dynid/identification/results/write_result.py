@@ -79,7 +79,7 @@ from dynid.identification.diagnosis.calibration import GROUP as CONSIDERED
 from dynid.identification.diagnosis.calibration import add_calibration_slopes
 from dynid.identification.diagnosis.importance import DRAWS, likelihood_size, posterior_check
 from dynid.identification.diagnosis.posterior import Posterior
-from dynid.identification.diagnosis.verdict import CONTRADICTED, verdict, warnings
+from dynid.identification.diagnosis.verdict import CONTRADICTED, nonlinear_step, verdict, warnings
 from dynid.identification.estimators.filter import Pass
 from dynid.identification.likelihood.frf_record import FrfRecord
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
@@ -477,6 +477,8 @@ def raise_rejected(posterior: Posterior, *further: Callable[[Result, Posterior],
     error = posterior.rejection
     if error is None:
         return
+    if posterior.unexplained and (step := nonlinear_step(posterior)):
+        error.remedy = f"{step[0].upper()}{step[1:]}."
     result = Result("identification")
     result.attrs["status"] = REJECTED
     result.annotate("identification", estimator=posterior.method, rejected=str(error))
