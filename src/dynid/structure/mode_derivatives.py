@@ -393,6 +393,7 @@ def _main_changes(
     Of the static derivatives ``(K + s M)^-1 Z' psi``, beside which those of modes far above are all that
     lacks, the principal components in energy: a component beyond these changes frequencies of second order.
     """
+    from scipy.linalg import eigh
     from scipy.sparse import csc_array, diags_array
 
     from dynid.structure.backends import factorise  # heavy import, of large models alone
@@ -409,8 +410,9 @@ def _main_changes(
         changes.append(scale[:, None] * factor.solve(scale[:, None] * forces))
     joint = np.concatenate(changes, axis=1)
     joint -= solution.shapes @ (solution.shapes.T @ (M @ joint))
-    energy, axes = np.linalg.eigh(joint.T @ (stiff @ joint))
-    return np.asarray(joint @ axes[:, energy > _NEGLIGIBLE_ENERGY])
+    energies = joint.T @ (stiff @ joint)
+    _, axes = eigh(energies, subset_by_value=[_NEGLIGIBLE_ENERGY, np.inf], check_finite=False)
+    return np.asarray(joint @ axes)
 
 
 def _expected_change(unknown: Parameter, value: float) -> float:

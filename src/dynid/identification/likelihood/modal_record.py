@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -249,11 +249,16 @@ class ModalRecord(RecordLikelihood):
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> ModalFit:  # noqa: ARG002
         """Predict the modes at coordinates of the parameters, and compare them with `values`."""
         at = named(self.unknowns, eta)
-        solution = self.solution(at)
-        paired = paired_modes(
-            self.measurement, self.rows, solution, self.model.slopes(at), self.error, self.close
-        )
-        return self.fit_of(eta, paired, values)
+        return self.fit_of(eta, self._paired(at, self.model.slopes(at)), values)
+
+    def _paired(self, at: Mapping[str, float], slopes: Sequence[Mapping[str, Any]]) -> PairedModes:
+        """Return the modes paired with the measured ones, their derivatives by `slopes` of the matrices."""
+        return paired_modes(self.measurement, self.rows, self.solution(at), slopes, self.error, self.close)
+
+    def residual(self, eta: Array) -> Array:
+        """Return the residual at coordinates `eta` (rows x quantities), without derivatives."""
+        paired = self._paired(named(self.unknowns, eta), ())
+        return np.asarray(self.data.values - _side_by_side(self.standardised(paired.columns)))
 
     def fit_of(self, eta: Array, paired: PairedModes, values: Array | None = None) -> ModalFit:
         """Compare modes paired at these coordinates with `values`; default: the measured ones."""

@@ -60,7 +60,10 @@ def paired_modes(
             names=("measurement.modes",),
         )
     at_sensors = rows @ solution.shapes
-    table = np.array([_mac_of(target[:, k], at_sensors) for k in range(r)])
+    without = np.isnan(target).all(axis=0)
+    table = np.zeros((r, len(omega)))
+    for k in np.flatnonzero(~without).tolist():
+        table[k] = _mac_of(target[:, k], at_sensors)
     pairs = paired(table, measured.omega, omega)
     poles, by_pole = np.zeros(r, dtype=complex), np.zeros((r, p), dtype=complex)
     shapes, by_shape = (
@@ -70,7 +73,7 @@ def paired_modes(
     pair_mac = np.full(r, np.nan)
     turned: dict[int, Any] = {}
     scatter, form = measured.deviations()[2], error[-1] if s else 0.0
-    if np.isnan(target).all(axis=0).any():
+    if without.any():
         slopes_of_modes = solution.pole_slopes(solution.poles, solution.shapes, slopes)
     for k, pair in enumerate(pairs.tolist()):
         near = np.flatnonzero(np.abs(omega - omega[pair]) <= close * omega[pair])
@@ -110,7 +113,7 @@ def paired_modes(
         changes.append((-by_pole.real - zeta[:, None] * by_omega) / size[:, None])
     if s:
         columns.append(real_parts(shapes))
-        changes.append(np.stack([real_parts(by_shape[..., j]) for j in range(p)], axis=1))
+        changes.append(real_parts(by_shape))
     return PairedModes(columns, changes, pairs, zeta, shapes, table, pair_mac)
 
 
@@ -171,7 +174,7 @@ def _pole_of_span(
 
 
 def _mac_of(measured: NDArray[Any], shapes: NDArray[Any]) -> Array:
-    """Return the MAC of a measured shape (s, NaN where missing) with others (s x m); 0 without a shape."""
+    """Return the MAC of a measured shape (s, NaN where missing) with others (s x m)."""
     there = ~np.isnan(measured)
     return np.asarray(mac(measured[there, None], shapes[there])[0])
 
@@ -191,8 +194,8 @@ def _turned(shape: NDArray[Any], moved: NDArray[Any], *, wide: bool) -> tuple[ND
 
 
 def real_parts(shapes: NDArray[Any]) -> Array:
-    """Return components of shapes (s x r) as real numbers one below the other, imaginary ones last."""
-    flat = shapes.ravel()
+    """Return components of shapes (s x r x …) as real numbers one below the other, imaginary ones last."""
+    flat = shapes.reshape(shapes.shape[0] * shapes.shape[1], *shapes.shape[2:])
     return np.concatenate([flat.real, flat.imag]) if np.iscomplexobj(flat) else flat
 
 
