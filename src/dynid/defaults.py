@@ -154,7 +154,7 @@ RESIDUALS: Default[Literal["auto"]] = Default(
 
 # Identification.
 ESTIMATOR: Default[Literal["auto"]] = Default(
-    "auto", "estimators", "{value}: a filter pass, then maximum likelihood"
+    "auto", "estimators", "{value}: a filter pass, of large records a fit of a part, then maximum likelihood"
 )
 FILTER_PASSES = Default(2, "estimators", "{value} passes of the filter")
 LINEARISED = Default(
