@@ -6,7 +6,7 @@ import pytest
 from dynid.errors import Diverged
 from dynid.identification.estimators.filter import Pass, check_run_away, filter_pass, thinned
 from dynid.identification.estimators.filter_passes import wide_prior
-from dynid.identification.likelihood.time_record import MAX_STORED_ROWS
+from dynid.identification.likelihood.state_deviations import MAX_STORED_ROWS
 from dynid.native import VARIABLE
 from tests.identification.cases import suspension
 from tests.identification.test_kernels import fits_of, origin_of

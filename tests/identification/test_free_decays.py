@@ -8,11 +8,13 @@ import pytest
 from scipy.linalg import expm
 
 from dynid.identification.estimators.maximum_likelihood import OutputError
+from dynid.identification.least_squares import tall_qr
 from dynid.identification.likelihood import shared_decays, time_record
+from dynid.identification.likelihood.nonlinearity import nonlinearity
 from dynid.identification.likelihood.shared_decays import fit_from
 from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment
-from dynid.identification.systems import free_decays, prediction
+from dynid.identification.systems import free_decays, kernels, prediction
 from dynid.identification.systems.prediction import sensitive_runs
 from dynid.parameters import starts
 from dynid.structure.ports import Channel
@@ -124,13 +126,38 @@ def test_the_derivatives_of_a_long_record_are_never_held_at_once(monkeypatch):
     decays = record.decays(eta)
     assert decays.factors[0].shape == (len(values), record.model.states)
     tracemalloc.start()
-    fit_from(record.model, eta, decays, record.model.initial, values)
+    fit_from(record.model, kernels.steps_at(record.model, eta), decays, record.model.initial, values)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # Outputs, residuals, direct terms, states, blocks; all derivatives with a copy were twice the unknowns.
     assert peak < (6 + len(eta) / 2) * values.nbytes
 
 
+@needs_library
+@pytest.mark.usefixtures("shared")
+def test_the_score_test_in_shared_decays_is_that_of_each_channel(monkeypatch):
+    measurement = simulated(0.05, channels=CHANNELS, samples=300)
+    likelihood = Problem.of(suspension(0.8), [Experiment(LOADS, measurement)]).likelihood
+    fit = likelihood.fit(starts(likelihood.unknowns))
+    shared = nonlinearity(likelihood, fit, white=True)
+    monkeypatch.setattr(time_record, "free_decays", lambda *_: None)
+    single = nonlinearity(likelihood, fit, white=True)
+    np.testing.assert_allclose(np.log(shared.p), np.log(single.p), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose([shared.left, shared.degrees], [single.left, single.degrees], rtol=1e-9)
+
+
 def test_small_records_share_none():
     record = fits_of(suspension(), CHANNELS)
     assert record.decays(starts(record.unknowns)) is None
+
+
+@pytest.mark.parametrize("condition", [1, 1e7, 1e14, np.inf], ids="condition {:g}".format)
+def test_tall_matrices_are_factorised_to_rounding_however_conditioned(condition):
+    rng = np.random.default_rng(1)
+    singular = np.geomspace(1, 1 / condition, 40) if np.isfinite(condition) else np.eye(40)[0]
+    rows, columns = (np.linalg.qr(rng.standard_normal((size, 40)))[0] for size in (500, 40))
+    matrix = (rows * singular) @ columns.T * np.geomspace(1e-100, 1e100, 40)
+    Q, R = tall_qr(matrix)
+    np.testing.assert_allclose(Q.T @ Q, np.eye(40), atol=1e-14)
+    np.testing.assert_array_equal(R, np.triu(R))
+    assert (np.abs(matrix - Q @ R).max(axis=0) <= 1e-14 * np.linalg.norm(matrix, axis=0)).all()

@@ -332,10 +332,13 @@ def identifiable_origin(likelihood: Likelihood) -> Origin:
         return Origin(eta, ())
     rms = [record.data.rms for record in likelihood.records]
 
-    def information_at(point: Array) -> Information:
+    def information_at(point: Array, likelihood: Likelihood = likelihood) -> Information:
         at_point = likelihood.information(likelihood.fit(point), rms)
         return replace(at_point, values=values(unknowns, point), rates=rates(unknowns, point))
 
+    first = likelihood.shortened(eta)  # the whole records determine what their first parts do
+    if first is not likelihood and not information_at(eta, first).dependent():
+        return Origin(eta, ())
     information = information_at(eta)
     lost = information.dependent()
     if not lost:

@@ -23,7 +23,6 @@ from dynid.arrays import Array, guarded
 from dynid.errors import DynidError
 from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
-from dynid.identification.likelihood.time_record import TimeLikelihood
 from dynid.identification.systems.parametric_model import Model
 from dynid.structure.model import StructuralModel
 
@@ -102,13 +101,13 @@ def images(permutations: Sequence[Permutation], eta: Array, same: Array, max_cou
 def symmetries(likelihood: Likelihood, kinds: Sequence[str], eta: Array) -> list[Permutation]:
     """Return permutations of the unknown parameters that leave the prediction as it is, without the identity.
 
-    They generate the group of all.
+    They generate the group of all. Of large records the first parts are compared: a symmetry shows in any.
 
     `likelihood`: the likelihood of the records, whose values do not matter; `kinds`: what each parameter is
     (p): only those of one kind are exchanged. `eta`: coordinates (p) near which predictions exist.
     """
     try:
-        return _Search(_shortened(likelihood, eta), kinds, eta).permutations()
+        return _Search(likelihood.shortened(eta), kinds, eta).permutations()
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         return []  # without a prediction there is nothing to compare
 
@@ -116,14 +115,9 @@ def symmetries(likelihood: Likelihood, kinds: Sequence[str], eta: Array) -> list
 def nearly_symmetric(likelihood: Likelihood, kinds: Sequence[str], eta: Array) -> bool:
     """Return True if derivatives of like parameters nearly agree where these are equal."""
     try:
-        return bool(_Search(_shortened(likelihood, eta), kinds, eta).candidates(_NEARLY_EQUAL_REL_TOL))
+        return bool(_Search(likelihood.shortened(eta), kinds, eta).candidates(_NEARLY_EQUAL_REL_TOL))
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         return False
-
-
-def _shortened(likelihood: Likelihood, eta: Array) -> Likelihood:
-    """Return the likelihood of the first parts of large records: a symmetry shows in any part."""
-    return likelihood.shortened(eta) if isinstance(likelihood, TimeLikelihood) else likelihood
 
 
 def centre_of(kinds: Sequence[str], eta: Array) -> Array:

@@ -31,7 +31,7 @@ from dynid.defaults import LINEARISED
 from dynid.errors import Diverged
 from dynid.identification.information import RECORD
 from dynid.identification.likelihood.priors import InitialState
-from dynid.identification.likelihood.time_record import stored_rows
+from dynid.identification.likelihood.state_deviations import stored_rows
 from dynid.identification.systems.parametric_model import DirectTerm, ParametricModel
 from dynid.native import call, compiled, structure
 from dynid.parameters import Parameter, logarithmic

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from dynid.identification.likelihood.record_likelihood import RecordFit, RecordL
 from dynid.identification.residual_tests import whiteness
 from dynid.parameters import Parameter, coordinates, truths
 
-# Informations that are kept: for the noise of a maximum of the likelihood, and for its unbiased estimate.
+# Informations that are kept of a fit: for the noise of a maximum of the likelihood, and an unbiased one.
 _KEPT = 2
 
 
@@ -55,8 +56,8 @@ class Likelihood:
     pull: float = field(default=PULL, kw_only=True)
     # Priors and limits in place of those of the unknowns.
     stated_priors: Priors | None = field(default=None, kw_only=True)
-    _last: dict[tuple[Any, ...], tuple[Information, Fit]] = field(
-        default_factory=dict, init=False, repr=False
+    _last: WeakKeyDictionary[Fit, dict[tuple[Any, ...], Information]] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
     )
 
     @property
@@ -92,6 +93,10 @@ class Likelihood:
         """Most evaluations that a search may take."""
         return math.inf
 
+    def shortened(self, eta: Array) -> Self:  # noqa: ARG002
+        """Return the likelihood of the first parts of large records at coordinates (p); itself of others."""
+        return self
+
     @property
     def names(self) -> list[str]:
         """Names of the unknown parameters."""
@@ -114,19 +119,20 @@ class Likelihood:
     def information(self, fit: Fit, noise: Sequence[Array], *, prior: bool = True) -> Information:
         """Return the information on the parameters of a fit, for a noise of these deviations.
 
-        With the priors, or of the records alone. The last two are kept.
+        With the priors, or of the records alone. The last two of a fit are kept, as long as it is.
         """
-        key = (id(fit), prior, *(level.tobytes() for level in noise))
-        if key not in self._last:
+        kept = self._last.setdefault(fit, {})
+        key = (prior, *(level.tobytes() for level in noise))
+        if key not in kept:
             fits = zip(self.records, fit.parts, noise, strict=True)
             total = joint_information(
                 [record.information(record_fit, level) for record, record_fit, level in fits]
             )
             total = total.with_rows(self.priors.rows()) if prior else total
-            while len(self._last) >= _KEPT:
-                del self._last[next(iter(self._last))]
-            self._last[key] = total, fit  # the fit as well: else its id may be another's
-        return self._last[key][0]
+            while len(kept) >= _KEPT:
+                del kept[next(iter(kept))]
+            kept[key] = total
+        return kept[key]
 
     def weighted(self, fit: Fit, noise: Sequence[Array]) -> Array:
         """Return the residuals over noise, row by row as the information has them, priors at the end."""

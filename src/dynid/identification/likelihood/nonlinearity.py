@@ -305,7 +305,12 @@ def _columns(
     total, sizes = np.zeros((n + p + width + 1,) * 2), np.zeros(n + p + width + 1)
     squares, degrees, weights = np.zeros(width), 0.0, np.ones(len(record.data.rms))
     basis = _range(shared) if there.all() else None
-    for c, predicted in record.channelwise(fit):
+    decays, products = None if coloured else record.decays(fit.eta), []
+    if decays is not None and basis is not None:  # the derivatives by the first state are combinations
+        D = decays.columns
+        beside = D - basis @ (basis.T @ D)
+        products = [D.T @ D, beside.T @ beside]
+    for c, predicted in record.channelwise(fit, by_state=decays is None):
         rms, present = record.data.rms[c], there[:, c]
         parts = predicted.by_state[rows, 0], predicted.by_parameter[rows, 0], responses(c)
         own = np.column_stack([*parts, fit.residual[rows, c]])
@@ -313,7 +318,13 @@ def _columns(
         of_channel = shared if basis is None else shared * present[:, None]
         Q = _range(of_channel) if basis is None else basis
         inside, order = Q.T @ own, 0
-        gram = own.T @ own - inside.T @ inside
+        gram, lengths = own.T @ own, np.sum(own**2, axis=0)
+        gram -= inside.T @ inside
+        if decays is not None:
+            W = decays.weights[c]
+            across = W.T @ (beside.T @ own)
+            gram = np.block([[W.T @ products[1] @ W, across], [across.T, gram]])
+            lengths = np.concatenate([np.einsum("ij,ij->j", W, products[0] @ W), lengths])
         squares += gram.diagonal()[n + p : -1] / rms**2
         if coloured:
             left = np.where(present, own[:, -1] - Q @ inside[:, -1], np.nan)[:, None]
@@ -322,13 +333,13 @@ def _columns(
                 of_channel, own = colour.of_channel(0, present, [of_channel, own])
                 Q = _range(of_channel)
                 inside = Q.T @ own
-                gram = own.T @ own - inside.T @ inside
+                gram, lengths = own.T @ own - inside.T @ inside, np.sum(own**2, axis=0)
         count = np.count_nonzero(present) * min(1.0, record.data.passed) - Q.shape[1] - order
         variance = max(float(gram[-1, -1]), np.finfo(float).tiny) / max(count, 1.0)
         variance = variance if variances is None else float(variances[c])
         weights[c] = variance
         total += gram / variance
-        sizes += np.sum(own**2, axis=0) / variance
+        sizes += lengths / variance
         degrees += count
     total, rank = _off(total, sizes, n)
     mean_squares = np.maximum(squares, 0.0) / max(there.sum(), 1)

@@ -40,11 +40,18 @@ class SensitiveBlock(NamedTuple):
 
 
 def sensitive_blocks(
-    model: ParametricModel, eta: Array, start: Array, channels: slice = ALL_CHANNELS
+    model: ParametricModel,
+    eta: Array,
+    start: Array,
+    channels: slice = ALL_CHANNELS,
+    at: kernels.Linear | None = None,
 ) -> Iterator[SensitiveBlock]:
-    """Yield the prediction of channels from a first state (n, scaled), block by block."""
+    """Yield the prediction of channels from a first state (n, scaled), block by block.
+
+    `at`: the steps at these coordinates, if they are ready.
+    """
     # Large matrices multiply faster in NumPy, run by run.
-    steps = [model.transition(eta, h) for h in model.line.lengths]
+    steps = kernels.transitions(at or kernels.steps_at(model, eta), len(start))
     C, C_slopes = model.output(eta)
     C, C_slopes = C[channels], C_slopes[:, channels]
     for number, (samples, states, read) in enumerate(sensitive_runs(model, eta, start, steps, C)):
@@ -68,7 +75,7 @@ def sensitive(model: ParametricModel, eta: Array, start: Array, channels: slice 
 
 
 def first_state_rows(
-    model: ParametricModel, eta: Array, decays: FreeDecays, values: Array
+    model: ParametricModel, at: kernels.Linear, decays: FreeDecays, values: Array
 ) -> tuple[Array, Array]:
     """Return what `values` have beside the prediction from the given first state, and its factors.
 
@@ -76,15 +83,13 @@ def first_state_rows(
     of the decays.
     """
     Q, R = decays.factors
-    at_rest = kernels.at_rest(
-        model, kernels.steps_at(model, eta), model.output(eta)[0], model.direct(eta).value
-    )
+    at_rest = kernels.at_rest(model, at, model.output(at.eta)[0], model.direct(at.eta).value)
     left = values - at_rest - decays.columns @ (decays.weights @ model.initial).T
     return left, np.concatenate([R @ decays.weights, (Q.T @ left).T[..., None]], axis=2)
 
 
 def fit_from(
-    model: ParametricModel, eta: Array, decays: FreeDecays, start: Array, values: Array
+    model: ParametricModel, at: kernels.Linear, decays: FreeDecays, start: Array, values: Array
 ) -> tuple[Trajectory, Array, Array]:
     """Return the prediction from a first state, residuals, and factors of derivatives and residuals.
 
@@ -94,7 +99,7 @@ def fit_from(
     residual = np.empty(values.shape)
 
     def columns() -> Iterator[tuple[NDArray[np.int64], Array]]:
-        for samples, *parts in sensitive_blocks(model, eta, start):
+        for samples, *parts in sensitive_blocks(model, at.eta, start, at=at):
             outputs[samples], states[samples], by_parameter = parts
             residual[samples] = values[samples] - outputs[samples]
             yield samples, np.concatenate([by_parameter, residual[samples, None]], axis=1)

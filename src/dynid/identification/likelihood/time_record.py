@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -30,10 +30,12 @@ from dynid.identification.likelihood.saturated_model import (
     saturated_coordinates,
 )
 from dynid.identification.likelihood.shared_decays import first_state_rows, fit_from, sensitive
+from dynid.identification.likelihood.state_deviations import initial_root
 from dynid.identification.records.measurement import Experiment, RecordData, Simulation
 from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
 from dynid.identification.residual_tests import spectrum
 from dynid.identification.statistics import root_mean_square
+from dynid.identification.systems import kernels
 from dynid.identification.systems.free_decays import FreeDecays, free_decays
 from dynid.identification.systems.known_inputs import NONE_LEFT_OUT, KnownSamples, known_samples
 from dynid.identification.systems.linear_system import LinearSystem
@@ -46,14 +48,9 @@ from dynid.identification.systems.prediction import (
     free_prediction,
     kernels_used,
     prediction,
-    runs,
 )
-from dynid.lti.recurrence import recurrence
 from dynid.parameters import rates, starts, values
 from dynid.structure.ports import Channel
-
-if TYPE_CHECKING:
-    from dynid.identification.systems.kernels import FirstState
 
 # The prior lets every channel be this many times larger than measured.
 _PRIOR_WIDTH = 10.0
@@ -71,8 +68,6 @@ _TRANSITION_WORK = 30
 _FIRST_PART = 8
 # Fewest values of a part of a record for each unknown.
 _MIN_VALUES_PER_UNKNOWN = 4
-#: Rows of a history, at the most.
-MAX_STORED_ROWS = 100_000
 
 # Regressors of the forces of models, of which there may be so many.
 _FORCED: WeakKeyDictionary[ParametricModel, dict[int, ForcedRegressors]] = WeakKeyDictionary()
@@ -230,13 +225,12 @@ class TimeRecord(RecordLikelihood):
         self.system_model.evaluations += 1
         predicted: Prediction | None = None
         if (decays := self.decays(eta)) is not None:
-            x0, _ = self._started(decays, eta, values, noise)
-            trajectory, residual, triangles = fit_from(model, eta, decays, x0, values)
+            at = kernels.steps_at(model, eta)
+            x0, _ = self._started(decays, at, values, noise)
+            trajectory, residual, triangles = fit_from(model, at, decays, x0, values)
             triangles /= self.data.rms[:, None, None]
             counts = np.full(len(triangles), len(values))
         elif self._fitted_in_blocks:
-            from dynid.identification.systems import kernels
-
             kept = values.size * model.states <= _MAX_KEPT_NUMBERS
             fitted = kernels.fitted(model, eta, values, self._first_state(noise), kept=kept)
             assert fitted.factors is not None
@@ -265,10 +259,10 @@ class TimeRecord(RecordLikelihood):
         return free_decays(self.model, eta)
 
     def _started(
-        self, decays: FreeDecays, eta: Array, values: Array, noise: Array | None
+        self, decays: FreeDecays, at: kernels.Linear, values: Array, noise: Array | None
     ) -> tuple[Array, Array]:
         """Return the first state, and what `values` have beside the prediction from it."""
-        left, rows = first_state_rows(self.model, eta, decays, values)
+        left, rows = first_state_rows(self.model, at, decays, values)
         start = self._start(rows / self.data.rms[:, None, None], noise)
         return start, left - decays.columns @ (decays.weights @ (start - self.model.initial)).T
 
@@ -278,12 +272,11 @@ class TimeRecord(RecordLikelihood):
         moving = self.model.sampling is not None or self.model.instruments.unknown_delays
         return self.colour is None and not moving and kernels_used(self.model)
 
-    def _first_state(self, noise: Array | None) -> FirstState:
+    def _first_state(self, noise: Array | None) -> kernels.FirstState:
         """Return how the first state is fitted, channels weighted by `noise` (channels) or their RMS."""
-        from dynid.identification.systems.kernels import FirstState
-
         rms = self.data.rms
-        return FirstState(rms, np.ones(len(rms)) if noise is None else rms / noise, self.root, STATE_RANK)
+        weights = np.ones(len(rms)) if noise is None else rms / noise
+        return kernels.FirstState(rms, weights, self.root, STATE_RANK)
 
     def check_whole(self) -> None:
         """Refuse the record (UsageError) if the sensitivities of all samples and channels are too many."""
@@ -450,12 +443,10 @@ class TimeRecord(RecordLikelihood):
         """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""
         self.system_model.evaluations += 1
         if (decays := self.decays(eta)) is not None:
-            return self._started(decays, eta, self.data.values, None)[1]
+            return self._started(decays, kernels.steps_at(self.model, eta), self.data.values, None)[1]
         if self._fitted_in_blocks:
-            from dynid.identification.systems.kernels import fitted
-
             first = self._first_state(None)
-            return fitted(self.model, eta, self.data.values, first, factors=False).residual
+            return kernels.fitted(self.model, eta, self.data.values, first, factors=False).residual
         free, _ = free_prediction(self.model, eta)
         x0 = self._start(self._rows(free, self.data.values)[0], None)
         return np.asarray(self.data.values - free.forced - free.by_state @ x0)
@@ -611,9 +602,7 @@ class TimeRecord(RecordLikelihood):
             by_state, by_parameter = white[..., :n], white[..., n:-1]
             residual = np.where(present, white[..., -1], np.nan)
         if kernels_used(self.model):
-            from dynid.identification.systems.kernels import triangles
-
-            return triangles(by_state, by_parameter, residual, self.data.rms[channels])
+            return kernels.triangles(by_state, by_parameter, residual, self.data.rms[channels])
         rows = np.concatenate([by_state, by_parameter, residual[..., None]], axis=2)
         rows /= self.data.rms[channels, None]
         missing = np.isnan(residual)
@@ -642,65 +631,3 @@ class TimeLikelihood(Likelihood):
         """Most evaluations that a search may take, from the work of one."""
         work = sum(record.evaluation_work for record in self.records)
         return max(_MIN_RECORD_EVALUATIONS, RECORD_SEARCH_WORK.value // max(1, work))
-
-
-def stored_rows(samples: int) -> slice:
-    """Return the rows of a history over so many samples that are stored."""
-    stride = max(1, -(-samples // MAX_STORED_ROWS))
-    return slice((samples - 1) % stride, None, stride)
-
-
-def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
-    """Return the standard deviations of the states (stored rows x n, scaled), given all records.
-
-    The covariance of initial state and parameters, propagated exactly. Initial states that are not observable
-    in the record keep the deviation of the wide prior.
-
-    `fit`: its fit at the estimate; `noise`: standard deviation of the noise (channels).
-    `root_of_parameters`: a root of the covariance of the coordinates, given all records (p x p).
-    """
-    root = initial_root(record, fit, noise, root_of_parameters)
-    if (state_slopes := record.state_slopes(fit)) is not None:
-        return np.asarray(np.linalg.norm(state_slopes[stored_rows(len(state_slopes))] @ root, axis=2))
-    model, n = record.model.moved(fit.eta), record.model.states
-    transitions = [model.transition(fit.eta, h) for h in model.line.lengths]
-    stored = np.zeros(len(model.line.nodes), dtype=bool)
-    sample_nodes = model.own(model.line.wanted)
-    stored[sample_nodes[stored_rows(len(sample_nodes))]] = True
-    by_eta, columns = root[n:].T, root[:n].T
-    x = fit.predicted.start
-    out = [_sizes(columns[None])] if stored[0] else []
-    longest = max(1, _MAX_BLOCK_NUMBERS // (4 * n * (n + len(fit.eta))))  # and copies
-    for first, last, k in runs(model.line.which, longest):
-        step, slopes = transitions[k]
-        Phi, W = step[:, :n], model.W[first:last]
-        path = recurrence(Phi, (W @ step[:, n:].T)[:, None], x[None])[:, 0]
-        driven = np.concatenate([np.concatenate([x[None], path[:-1]]), W], axis=1)
-        moved = (driven @ slopes.swapaxes(1, 2)).swapaxes(0, 1)  # steps x p x n
-        spread = recurrence(Phi, by_eta @ moved, columns)
-        x, columns = path[-1], spread[-1]
-        out.append(_sizes(spread[stored[first + 1 : last + 1]]))
-    return np.concatenate(out)
-
-
-def _sizes(columns: Array) -> Array:
-    """Return the lengths of states (steps x columns x n) over the columns, however large or small."""
-    unit = np.abs(columns).max(axis=1)  # squares of large units overflow
-    shares = columns / np.where(unit > 0, unit, 1.0)[:, None]
-    return np.asarray(np.sqrt(np.einsum("ijk,ijk->ik", shares, shares)) * unit)
-
-
-def initial_root(record: TimeRecord, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
-    """Return a root of the covariance of initial state (scaled) and coordinates (n + p x n + p)."""
-    # Given the coordinates, the state has the mean and covariance of its regression on them.
-    n = record.nuisances
-    by_state, by_parameter = record.by_start(fit, noise), record.slopes(fit, noise)
-    U, s, Vt = thin_svd(by_state)
-    size = np.zeros(n)
-    size[: len(s)] = s
-    follows = np.zeros((n, len(root_of_parameters)))
-    follows[: len(s)] = U[:, : len(s)].T @ by_parameter @ root_of_parameters
-    follows *= -(size / (1 + size**2))[:, None]
-    left = Vt.T @ np.concatenate([np.diag(1 / np.sqrt(1 + size**2)), follows], axis=1)
-    below = np.concatenate([np.zeros((len(root_of_parameters), n)), root_of_parameters], axis=1)
-    return np.concatenate([record.root @ left, below])

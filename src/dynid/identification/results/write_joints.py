@@ -17,7 +17,7 @@ from dynid.arrays import Array
 from dynid.identification.diagnosis.joint_forces import FRACTIONS, measured_forces, motion_sizes
 from dynid.identification.likelihood.nonlinear_record import NonlinearRecord
 from dynid.identification.likelihood.record_likelihood import RecordFit
-from dynid.identification.likelihood.time_record import initial_root, stored_rows
+from dynid.identification.likelihood.state_deviations import initial_root, stored_rows
 from dynid.number_format import general
 from dynid.parameters import named
 from dynid.result import Result, common_unit

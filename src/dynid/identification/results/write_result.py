@@ -83,7 +83,8 @@ from dynid.identification.diagnosis.verdict import CONTRADICTED, nonlinear_step,
 from dynid.identification.estimators.filter import Pass
 from dynid.identification.likelihood.frf_record import FrfRecord
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
-from dynid.identification.likelihood.time_record import TimeRecord, state_deviations, stored_rows
+from dynid.identification.likelihood.state_deviations import state_deviations, stored_rows
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.residual_tests import autocorrelation, consistency, is_coloured, spectrum
 from dynid.identification.results.write_derived import DERIVED, DerivedRequest, add_derived, add_noise
 from dynid.identification.systems.parametric_model import ParametricModel

@@ -14,6 +14,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.defaults import SHARED_DECAYS
+from dynid.identification.least_squares import tall_qr
 from dynid.identification.systems.parametric_model import ParametricModel
 
 # Condition of the eigenvectors up to which they are used: ten digits are left.
@@ -30,8 +31,7 @@ class FreeDecays:
     @cached_property
     def factors(self) -> tuple[Array, Array]:
         """The factors Q (times x n) and R (n x n) of the decays."""
-        Q, R = np.linalg.qr(self.columns)
-        return Q, R
+        return tall_qr(self.columns)
 
     def by_state(self, channel: int) -> Array:
         """Return the derivatives of a channel by the first state (times x n)."""
@@ -43,9 +43,10 @@ def free_decays(model: ParametricModel, eta: Array) -> FreeDecays | None:
 
     The channels are sampled at the times of the model.
     """
-    C, n = model.output(eta)[0], model.states
-    if len(C) * len(model.times) * n**2 < SHARED_DECAYS.value:
+    n = model.states
+    if len(model.channels) * len(model.times) * n**2 < SHARED_DECAYS.value:
         return None
+    C = model.output(eta)[0]
     poles, V = np.linalg.eig(model.at(eta).A)
     with np.errstate(all="ignore"):
         if not np.linalg.cond(V) < _MAX_CONDITION:

@@ -165,6 +165,13 @@ def steps_at(model: ParametricModel, eta: Array) -> Linear:
     return at
 
 
+def transitions(at: Linear, states: int) -> list[Transition]:
+    """Return steps of all lengths as NumPy has them, of a model of so many states."""
+    width = states * (1 + len(at.eta))
+    both = at.forward[:, :, :width].reshape(len(at.ready), -1, states, 1 + len(at.eta)).transpose(0, 3, 2, 1)
+    return [Transition(parts[0], parts[1:]) for parts in np.ascontiguousarray(both)]
+
+
 # --- the filter ------------------------------------------------------------------------------------
 
 

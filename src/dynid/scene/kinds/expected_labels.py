@@ -269,7 +269,7 @@ def _channels(scene: Scene[IdentificationScene], parts: Parts) -> list[str] | No
 
 def _axis_of_record(scene: Scene[IdentificationScene], parts: Parts, dim: str) -> NDArray[np.float64] | None:
     """Return the times of a record, or the lines of its spectra or of frequency responses."""
-    from dynid.identification.likelihood.time_record import stored_rows
+    from dynid.identification.likelihood.state_deviations import stored_rows
     from dynid.identification.residual_tests import spectral_lines
 
     records = _records(scene)
