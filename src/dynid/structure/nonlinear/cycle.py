@@ -2,8 +2,9 @@
 
 The alternating frequency/time scheme (T. M. Cameron, J. H. Griffin 1989), with events instead of samples: a
 law is followed from guard to guard, each event is located on the trigonometric polynomial, and the force of a
-regime is integrated by Clenshaw–Curtis quadrature. Coefficients and derivatives have no error of sampling,
-also with friction, whose derivatives are continuous in the deflection alone.
+regime is integrated in closed form where it is affine, else by Clenshaw–Curtis quadrature. Coefficients and
+derivatives have no error of sampling, also with friction, whose derivatives are continuous in the deflection
+alone.
 
 A periodic function is ``c_0 + sum c_h cos(h theta) + s_h sin(h theta)``, stored as [c_0, c_1, s_1, c_2, …].
 """
@@ -12,11 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
 from dynid.structure.joint_laws import BoundLaw, Slopes
 
@@ -32,8 +34,9 @@ _NEAR_TOL = 0.03
 _ROUND_OFF = 1e-13
 # Length of a panel of collocation of hidden states, rad, and its nodes.
 _PANEL, _PANEL_NODES = np.pi / 3, 20
-# Change of an event's angle at which it is located, rad, and the iterations that this takes at the most.
-_EVENT_TOL, _MAX_LOCATIONS = 1e-13, 60
+# Smallest interval in which an event is located, rad, the most iterations that this takes, and the step
+# of Newton's iteration after which the error, of the order of its square, is less.
+_EVENT_TOL, _MAX_LOCATIONS, _EVENT_STEP = 1e-13, 60, 1e-7
 # Jump of a force at an event, relative to the force, that is round-off.
 _JUMP_TOL = 1e-9
 # Derivative of a hidden state by itself a cycle before, less than 1 by which a loop forgets it.
@@ -57,6 +60,19 @@ class CycleForce(NamedTuple):
     hidden: tuple[float, int]
 
 
+def to_complex(coefficients: Array) -> ComplexArray:
+    """Return amplitudes a_h of ``Re sum a_h exp(i h theta)`` (H + 1 x …) from coefficients (2 H + 1 x …)."""
+    first = coefficients[:1].astype(complex)
+    return np.concatenate([first, coefficients[1::2] - 1j * coefficients[2::2]])
+
+
+def to_real(amplitudes: ComplexArray) -> Array:
+    """Return Fourier coefficients (2 H + 1 x …) of amplitudes (H + 1 x …)."""
+    out = np.empty((2 * len(amplitudes) - 1, *amplitudes.shape[1:]))
+    out[0], out[1::2], out[2::2] = amplitudes[0].real, amplitudes[1:].real, -amplitudes[1:].imag
+    return out
+
+
 def series(theta: Array, harmonics: int) -> Array:
     """Return the functions of a Fourier series at angles (angles x 2 H + 1)."""
     powers = np.cumprod(np.broadcast_to(np.exp(1j * theta)[:, None], (len(theta), harmonics)), axis=1)
@@ -78,9 +94,9 @@ def _derivatives(T: Array) -> Array:
 
 
 def _rate(q: Array) -> Array:
-    """Return the coefficients of the derivative of a series by its angle."""
-    order, out = np.arange(1, len(q) // 2 + 1), np.zeros_like(q)
-    out[1::2], out[2::2] = order * q[2::2], -order * q[1::2]
+    """Return the coefficients of the derivatives of series by the angle (… x 2 H + 1)."""
+    order, out = np.arange(1, q.shape[-1] // 2 + 1), np.zeros_like(q)
+    out[..., 1::2], out[..., 2::2] = order * q[..., 2::2], -order * q[..., 1::2]
     return out
 
 
@@ -98,6 +114,22 @@ def _sampled(harmonics: int, samples: int) -> tuple[Array, Array, Array]:
     projection[0] /= 2
     size = 2 * harmonics + 1
     return np.ascontiguousarray(T[:, :size]), np.ascontiguousarray(D[:, :size]), projection
+
+
+@cache
+def _products(rows: int, columns: int) -> tuple[NDArray[np.int_], Array, NDArray[np.int_], Array]:
+    """Return products of two functions of a series as halves of sums of two others, with signs.
+
+    Indices into ``[C_0, …, C_(J+H), S_0, …, S_(J+H)]``, cosines and sines (2 J + 1 x 2 H + 1), J = `rows`.
+    """
+    j, k = ((np.arange(2 * n + 1)[:, None] + 1) // 2 for n in (rows, columns))
+    of_j, of_k = ((np.arange(2 * n + 1)[:, None] % 2 == 0) & (np.arange(2 * n + 1)[:, None] > 0)
+                  for n in (rows, columns))  # fmt: skip
+    k, of_k = k.T, of_k.T
+    sines = (of_j ^ of_k) * (rows + columns + 1)
+    of_sum = np.where(of_j & of_k, -0.5, 0.5)
+    of_difference = np.where(of_j ^ of_k, 0.5 * np.sign(np.where(of_j, j - k, k - j)), 0.5)
+    return j + k + sines, of_sum, np.abs(j - k) + sines, of_difference
 
 
 @cache
@@ -154,13 +186,24 @@ def _smooth(law: BoundLaw, q: Array, omega: float) -> CycleForce:
 
 
 class _Segment(NamedTuple):
-    """A part of a cycle in one regime: its nodes, weights, and the hidden state there with its columns."""
+    """A part of a cycle in one regime: its nodes, weights, and the hidden state there with its columns.
+
+    With a constant hidden state its ends alone.
+    """
 
     theta: Array
-    weights: Array
+    weights: Array | None
     z: Array
     slopes: Array  # columns of the hidden state (nodes or 1 x columns)
     regime: int
+
+    def with_nodes(self, harmonics: int) -> _Segment:
+        """Return the segment with nodes and weights for a deflection of so many harmonics."""
+        if self.weights is not None:
+            return self
+        low, length = self.theta[0], self.theta[1] - self.theta[0]
+        x, weights, _ = _clenshaw_curtis(16 + 8 * int(np.ceil(length * (harmonics + 1) / 6)))
+        return self._replace(theta=low + length * x, weights=length * weights)
 
 
 class _Cycle:
@@ -181,13 +224,17 @@ class _Cycle:
         self.size = float(np.abs(self.d).max())
         self._orders = np.arange(1, self.harmonics + 1)
         self._phasors = self._orders ** np.arange(3)[:, None] * (q[1::2] - 1j * q[2::2])
+        self._mean = float(q[0])
         self.flows = law.rate(0, 0.0, 1.0, 0.0) is not None
 
-    def at(self, theta: float) -> tuple[float, float, float]:
+    def phases(self, theta: float) -> ComplexArray:
+        """Return ``exp(i h theta)`` of the harmonics."""
+        return np.asarray(np.exp(1j * theta * self._orders))
+
+    def at(self, phases: ComplexArray) -> tuple[float, float, float]:
         """Return deflection, its rate and acceleration at an angle."""
-        sums = self._phasors @ np.exp(1j * self._orders * theta)
-        d, v, a = self.q[0] + sums[0].real, -self.omega * sums[1].imag, -(self.omega**2) * sums[2].real
-        return float(d), float(v), float(a)
+        of_d, of_v, of_a = (self._phasors @ phases).tolist()
+        return self._mean + of_d.real, -self.omega * of_v.imag, -(self.omega**2) * of_a.real
 
     def rows(self, theta: Array) -> tuple[Array, Array]:
         """Return the columns of deflection and rate at angles (angles x columns)."""
@@ -241,11 +288,11 @@ class _Cycle:
         segments: list[_Segment] = []
         jumps: list[tuple[float, float, Array]] = []
         for _ in range(_MAX_EVENTS):
-            segment, guard = (self._flow if self.flows else self._rest)(theta, z, slopes, regime)
+            segment, ending = (self._flow if self.flows else self._rest)(theta, z, slopes, regime)
             segments.append(segment)
             theta, z, slopes = float(segment.theta[-1]), float(segment.z[-1]), segment.slopes[-1]
-            if guard is not None:
-                z, slopes, regime = self._switched(theta, z, slopes, regime, guard, jumps)
+            if ending is not None:
+                z, slopes, regime = self._switched(theta, z, slopes, regime, ending, jumps)
             elif theta >= 2 * np.pi:
                 return segments, z, slopes, regime, jumps
         raise NumericalError(
@@ -253,20 +300,22 @@ class _Cycle:
             remedy="Change the amplitude or the parameters of its law.",
         )
 
-    def _rest(self, low: float, z: float, slopes: Array, regime: int) -> tuple[_Segment, int | None]:
-        """Return the segment of a regime with a constant hidden state, and the guard that ends it."""
+    def _rest(
+        self, low: float, z: float, slopes: Array, regime: int
+    ) -> tuple[_Segment, tuple[int, int] | None]:
+        """Return the segment of a regime with a constant hidden state, its guard, and the next regime."""
         first = int(np.searchsorted(self.scan, low + _EVENT_TOL))
         theta = np.concatenate([[low], self.scan[first:]])
         guards = self.law.guards(regime, self.d[first:], self.v[first:], z)
         values = [_along(guard.function.value, len(theta) - 1) for guard in guards]
         high, ending = self._first_zero(theta, values, lambda _: z, regime)
-        nodes = 16 + 8 * int(np.ceil((high - low) * (self.harmonics + 1) / 6))
-        x, weights, _ = _clenshaw_curtis(nodes)
-        length = high - low
-        return _Segment(low + length * x, length * weights, np.full(1, z), slopes[None], regime), ending
+        segment = _Segment(np.array([low, high]), None, np.full(1, z), slopes[None], regime)
+        return segment, None if ending is None else (ending, guards[ending].following)
 
-    def _flow(self, low: float, z: float, slopes: Array, regime: int) -> tuple[_Segment, int | None]:
-        """Return a panel of a regime in which the hidden state changes, and the guard that ends it."""
+    def _flow(
+        self, low: float, z: float, slopes: Array, regime: int
+    ) -> tuple[_Segment, tuple[int, int] | None]:
+        """Return a panel of a regime whose hidden state changes, its guard, and the next regime."""
         high = min(low + _PANEL, 2 * np.pi)
         panel = self._collocated(low, high, z, slopes, regime)
         of_d, of_v = self._motion(panel.theta)
@@ -278,9 +327,9 @@ class _Cycle:
             return float(np.polynomial.chebyshev.chebval(2 * (theta - low) / (high - low) - 1, series))
 
         zero, ending = self._first_zero(panel.theta, values, hidden, regime)
-        if ending is None or zero >= high:
-            return panel, ending
-        return self._collocated(low, zero, z, slopes, regime), ending
+        if ending is not None and zero < high:
+            panel = self._collocated(low, zero, z, slopes, regime)
+        return panel, None if ending is None else (ending, guards[ending].following)
 
     def _first_zero(
         self, theta: Array, values: Sequence[Array], hidden: Callable[[float], float], regime: int
@@ -305,7 +354,8 @@ class _Cycle:
         self, theta: float, hidden: Callable[[float], float], regime: int, number: int
     ) -> tuple[float, float]:
         """Return a guard and its derivative by the angle."""
-        (d, v, a), z, law, values = self.at(theta), hidden(theta), self.law.law, self.law.values
+        (d, v, a), z = self.at(self.phases(theta)), hidden(theta)
+        law, values = self.law.law, self.law.values
         d += self.law.offset if law.preloaded else 0.0
         f = law.guards(values, regime, d, v, z)[number].function
         rate = law.rate(values, regime, d, v, z) if self.flows else None
@@ -325,9 +375,10 @@ class _Cycle:
             value, slope = self._guard(theta, hidden, regime, number)
             low, high = (theta, high) if value > 0 else (low, theta)
             step = -value / slope if slope < 0 else np.inf
-            if abs(step) <= _EVENT_TOL or high - low <= _EVENT_TOL:
+            inside = low <= theta + step <= high
+            theta = theta + step if inside else (low + high) / 2
+            if (inside and abs(step) <= _EVENT_STEP) or high - low <= _EVENT_TOL:
                 break
-            theta = theta + step if low < theta + step < high else (low + high) / 2
         return float(theta)
 
     def _motion(self, theta: Array) -> tuple[Array, Array]:
@@ -357,51 +408,107 @@ class _Cycle:
         return _Segment(theta, (high - low) * weights, state, columns, regime)
 
     def _switched(
-        self, theta: float, z: float, slopes: Array, regime: int, number: int,
+        self, theta: float, z: float, slopes: Array, regime: int, ending: tuple[int, int],
         jumps: list[tuple[float, float, Array]],
     ) -> tuple[float, Array, int]:  # fmt: skip
         """Return the hidden state, its columns and the regime after an event; add the jump of the force."""
-        law, (d, v, a) = self.law, self.at(theta)
-        of_d, of_v = (rows[0] for rows in self.rows(np.full(1, theta)))
-        guard = law.guards(regime, d, v, z)[number]
-
-        def total(f: Slopes) -> Array:
-            return np.asarray(f.d * of_d + f.v * of_v + f.z * slopes)
+        law, (number, following), (d, v, a) = self.law, ending, self.at(self.phases(theta))
+        entered = law.entered(regime, following, d, z)
+        state = z if entered is None else float(entered.value)
 
         def flow(which: int, state: float) -> float:
             rate = law.rate(which, d, v, state) if self.flows else None
             return 0.0 if rate is None else float(rate.value)
 
-        before = flow(regime, z)
-        f = guard.function
-        by_time = f.d * v + f.v * a + f.z * before
-        shift = -total(f) / by_time if by_time else np.zeros(self.columns)  # of the event's time
-        entered = law.entered(regime, guard.following, d, z)
-        state = z if entered is None else float(entered.value)
-        after = flow(guard.following, state)
-        if entered is None:
-            columns = slopes + (before - after) * shift
-        else:
-            along = entered.d * v + entered.v * a + entered.z * before - after
-            columns = total(entered) + along * shift
-        forces = [float(law.force(*at).value) for at in ((regime, d, v, z), (guard.following, d, v, state))]
+        before, after = flow(regime, z), flow(following, state)
+        along = before if entered is None else float(entered.d * v + entered.v * a + entered.z * before)
+        forces = [float(law.force(*at).value) for at in ((regime, d, v, z), (following, d, v, state))]
         jump = forces[0] - forces[1]
-        if abs(jump) > _JUMP_TOL * max(map(abs, forces)):
-            jumps.append((theta, jump, self.omega * shift))
-        return state, np.asarray(columns), guard.following
+        jumps_there = abs(jump) > _JUMP_TOL * max(map(abs, forces))
+        moves = abs(along - after) > _ROUND_OFF * self.omega * self.size * self.harmonics**2
+        if entered is None and not (moves or jumps_there):
+            return state, slopes, following  # wherever the event is
+        of_d, of_v = (rows[0] for rows in self.rows(np.full(1, theta)))
+
+        def total(f: Slopes) -> Array:
+            return np.asarray(f.d * of_d + f.v * of_v + f.z * slopes)
+
+        columns = slopes if entered is None else total(entered)
+        if moves or jumps_there:
+            f = law.guards(regime, d, v, z)[number].function
+            by_time = f.d * v + f.v * a + f.z * before
+            shift = -total(f) / by_time if by_time else np.zeros(self.columns)  # of the event's time
+            columns = columns + (along - after) * shift
+            if jumps_there:
+                jumps.append((theta, jump, self.omega * shift))
+        return state, np.asarray(columns), following
 
     def _projected(
         self, segments: Sequence[_Segment], end: Array, jumps: Sequence[tuple[float, float, Array]],
         hidden: tuple[float, int], change: float,
     ) -> CycleForce:  # fmt: skip
         """Return the Fourier coefficients of the force along the segments of a closed cycle."""
+        size, further = len(self.q), further_harmonics(self.harmonics)
+        coefficients, slopes = np.zeros(2 * further + 1), np.zeros((size, self.columns))
+        curved = []
+        affine: list[tuple[_Segment, Slopes]] = []
+        for segment in segments:
+            f = self.law.force(segment.regime, self.d[:1], self.v[:1], segment.z)
+            resting = segment.weights is None and np.ndim(f.d) == np.ndim(f.v) == 0
+            affine += [(segment, f)] if resting else []
+            curved += [] if resting else [segment.with_nodes(self.harmonics)]
+        if affine:
+            self._add_affine(affine, coefficients, slopes)
+        if curved:
+            self._add_curved(curved, coefficients, slopes)
+        for theta, jump, shift in jumps:
+            at = basis(np.full(1, theta), self.harmonics)[0][0] / np.pi
+            at[0] /= 2
+            slopes += np.outer(at * jump, shift)
+        free, (z, regime) = 1.0 - end[size + 1], hidden
+        if abs(free) > _FREE_TOL:
+            first_hidden = slopes[:, size + 1].copy()
+            slopes += np.outer(first_hidden, end / free)
+            coefficients[:size] += first_hidden * (change / free)
+            z += change / free
+        return CycleForce(coefficients, slopes[:, :size], slopes[:, size], (z, regime))
+
+    def _add_affine(
+        self, parts: Sequence[tuple[_Segment, Slopes]], coefficients: Array, slopes: Array
+    ) -> None:
+        """Add the coefficients of affine forces and their slopes, integrated in closed form."""
+        size, rate = len(self.q), _rate(self.q)
+        further = len(coefficients) // 2
+        order = np.arange(1, further + self.harmonics + 1)
+        ends = np.array([segment.theta for segment, _ in parts])
+        waves = np.exp(1j * ends[:, :, None] * order)
+        integrals = np.column_stack([ends[:, 1] - ends[:, 0], (waves[:, 1] - waves[:, 0]) / (1j * order)])
+        of_d, of_v, of_z = ([float(getattr(f, name)) for _, f in parts] for name in "dvz")
+        rest = [
+            float(f.value[0] - f.d * self.d[0] - f.v * self.v[0]) / np.pi for _, f in parts
+        ]  # of d = v = 0
+        series = to_real(integrals.T[: further + 1].conj())  # of windows (2 J + 1 x segments)
+        series[0] /= 2
+        coefficients += series @ rest
+        slopes += (series[:size] * of_z / np.pi) @ np.array([segment.slopes[0] for segment, _ in parts])
+        if any(of_d):
+            by_d = _multiplied(integrals.T @ of_d, further, self.harmonics)
+            coefficients += by_d @ self.q
+            slopes[:, :size] += by_d[:size]
+        if any(of_v):
+            by_v = _multiplied(integrals.T @ of_v, further, self.harmonics)
+            coefficients += self.omega * (by_v @ rate)
+            slopes[:, :size] -= self.omega * _rate(by_v[:size])
+            slopes[:, size] += by_v[:size] @ rate
+
+    def _add_curved(self, segments: Sequence[_Segment], coefficients: Array, slopes: Array) -> None:
+        """Add the coefficients of forces and their slopes, integrated at nodes."""
         size = len(self.q)
-        T = series(np.concatenate([s.theta for s in segments]), further_harmonics(self.harmonics))
+        T = series(np.concatenate([s.theta for s in segments]), len(coefficients) // 2)
         rows = T.T * (np.concatenate([s.weights for s in segments]) / np.pi)
         rows[0] /= 2
         d, v = T[:, :size] @ self.q, self.omega * (T[:, :size] @ _rate(self.q))
         value, by_d, by_v = np.empty((3, len(d)))
-        slopes = np.zeros((size, self.columns))
         first = 0
         for segment in segments:
             here = slice(first, first + len(segment.theta))
@@ -415,21 +522,23 @@ class _Cycle:
                     if len(segment.z) > 1
                     else np.outer(weighted @ np.broadcast_to(f.z, len(segment.theta)), segment.slopes[0])
                 )
+        coefficients += rows @ value
         slopes[:, :size] += (rows[:size] * by_d) @ T[:, :size]
         if by_v.any():
             slopes[:, :size] += (rows[:size] * by_v) @ (self.omega * _derivatives(T[:, :size]))
             slopes[:, size] += rows[:size] @ (by_v * v / self.omega)
-        for theta, jump, shift in jumps:
-            at = basis(np.full(1, theta), self.harmonics)[0][0] / np.pi
-            at[0] /= 2
-            slopes += np.outer(at * jump, shift)
-        coefficients, free, (z, regime) = rows @ value, 1.0 - end[size + 1], hidden
-        if abs(free) > _FREE_TOL:
-            first_hidden = slopes[:, size + 1].copy()
-            slopes += np.outer(first_hidden, end / free)
-            coefficients[:size] += first_hidden * (change / free)
-            z += change / free
-        return CycleForce(coefficients, slopes[:, :size], slopes[:, size], (z, regime))
+
+
+def _multiplied(window: NDArray[Any], rows: int, columns: int) -> Array:
+    """Return the matrix by which a window multiplies a series (2 J + 1 x 2 H + 1).
+
+    `window`: integrals of ``window exp(i h theta)`` over a cycle (J + H + 1).
+    """
+    parts = np.concatenate([window.real, window.imag])
+    of_sum, sum_sign, of_difference, difference_sign = _products(rows, columns)
+    matrix = (parts[of_sum] * sum_sign + parts[of_difference] * difference_sign) / np.pi
+    matrix[0] /= 2
+    return np.asarray(matrix)
 
 
 def _along(value: Array | float, length: int) -> Array:

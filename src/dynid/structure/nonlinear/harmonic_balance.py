@@ -22,7 +22,7 @@ from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.model import StructuralModel
 from dynid.structure.model_laws import model_laws
 from dynid.structure.nonlinear.continuation import Point, solve_at
-from dynid.structure.nonlinear.cycle import CycleForce, cycle_force, further_harmonics
+from dynid.structure.nonlinear.cycle import CycleForce, cycle_force, further_harmonics, to_complex, to_real
 from dynid.structure.state_space import massless_motion
 
 # Coupling of modes by dampers, relative to their own damping, that is round-off.
@@ -38,19 +38,6 @@ _NEEDED, _SPARE = 0.3, 4
 _MIN_AMPLITUDE_STEP = 1e-3
 # Fewest and most harmonics.
 MIN_HARMONICS, MAX_HARMONICS = 3, 101
-
-
-def to_complex(coefficients: Array) -> ComplexArray:
-    """Return amplitudes a_h of ``Re sum a_h exp(i h theta)`` (H + 1 x …) from coefficients (2 H + 1 x …)."""
-    first = coefficients[:1].astype(complex)
-    return np.concatenate([first, coefficients[1::2] - 1j * coefficients[2::2]])
-
-
-def to_real(amplitudes: ComplexArray) -> Array:
-    """Return Fourier coefficients (2 H + 1 x …) of amplitudes (H + 1 x …)."""
-    out = np.empty((2 * len(amplitudes) - 1, *amplitudes.shape[1:]))
-    out[0], out[1::2], out[2::2] = amplitudes[0].real, amplitudes[1:].real, -amplitudes[1:].imag
-    return out
 
 
 class Condensed(NamedTuple):
@@ -131,9 +118,15 @@ def condensed(model: StructuralModel, values: Mapping[str, float], omega: float)
         k = k + omega**2 / mobility
         eigenvalues, shapes = eigh(K + rows.T @ (k[:, None] * rows), M)
     modal = shapes.T @ (C + rows.T @ (c[:, None] * rows)) @ shapes
-    coupling = np.abs(modal - np.diag(np.diag(modal))).max(initial=0.0)
-    if coupling <= _CLASSICAL_TOL * np.abs(np.diag(modal)).max(initial=0.0):
-        modal = np.diag(modal).copy()
+    # Dampers at the joints that uncouple the modes, if there are such, are taken off the forces of laws.
+    apart = ~np.eye(len(modal), dtype=bool)
+    deflected = np.einsum("jm,jn->mnj", rows @ shapes, rows @ shapes)
+    dampers = -np.linalg.lstsq(deflected[apart], modal[apart], rcond=None)[0]
+    uncoupled = modal + deflected @ dampers
+    if np.abs(uncoupled[apart]).max(initial=0.0) <= _CLASSICAL_TOL * np.abs(np.diag(uncoupled)).max(
+        initial=0.0
+    ):
+        modal, c = np.diag(uncoupled).copy(), c + dampers
     smooth = all(not (law.law.hidden or law.guards(law.regime(0.0, 0.0, 0.0), 0.0, 0.0, 0.0)) for law in laws)
     return Condensed(
         eigenvalues, modal, shapes, rows @ shapes, k, c, laws, _SMOOTH_TAIL if smooth else _KINKED_TAIL
@@ -192,7 +185,7 @@ class ForcedResponse:
         self.memory = LawMemory(structure)
         #: What harmonics beyond the last would deflect at the last solution, relative to the deflection.
         self.left_out = 0.0
-        self._needed = MIN_HARMONICS
+        self._needed = self._sufficient = MIN_HARMONICS
         self._last: tuple[Array, JointForces]
 
     @property
@@ -293,10 +286,12 @@ class ForcedResponse:
     def resized(self, u: Array) -> Array | None:
         """Return the unknowns with more harmonics, if those left out would move the joints, else None."""
         if self.left_out <= self.structure.tail or self.harmonics >= self.max_harmonics:
+            self._sufficient = self.harmonics
             if self._needed < self.harmonics - _SPARE:
-                self.harmonics = max(MIN_HARMONICS, self._needed + 2)
+                self.harmonics = max(MIN_HARMONICS, self._needed + 2, 2 * self.harmonics // 3)
             return None
-        self.harmonics = min(self.max_harmonics, self.harmonics + 2 + self.harmonics // 3)
+        grown = max(self.harmonics + 2 + self.harmonics // 3, self._sufficient)
+        self.harmonics = min(self.max_harmonics, grown)
         return self.padded(u)
 
     def padded(self, v: Array) -> Array:

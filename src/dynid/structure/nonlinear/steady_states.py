@@ -13,14 +13,13 @@ from dynid.structure.labels import Label, unsigned
 from dynid.structure.model import StructuralModel
 from dynid.structure.nonlinear.backbone import BackboneCurve
 from dynid.structure.nonlinear.continuation import solve_at, trace
-from dynid.structure.nonlinear.cycle import basis
+from dynid.structure.nonlinear.cycle import basis, to_real
 from dynid.structure.nonlinear.floquet import FloquetAnalysis
 from dynid.structure.nonlinear.harmonic_balance import (
     MAX_HARMONICS,
     Condensed,
     ForcedResponse,
     condensed,
-    to_real,
 )
 from dynid.structure.ports import Channel
 
