@@ -53,7 +53,7 @@ MOTION = np.array([0.05, 1.0, 0.3, 0.08, -0.05, 0.1, 0.04])
 def settled(law, q, omega, hidden=None):
     """Return the force of a closed cycle: each evaluation continues from the last one."""
     for _ in range(3):
-        cycle = cycle_force(law, q, omega, hidden)
+        cycle = cycle_force(law, q, omega, hidden, parameters=True)
         hidden = cycle.hidden
     return cycle
 
@@ -71,6 +71,17 @@ def test_derivatives_of_the_force_over_a_cycle_are_differences(name):
         by_motion = difference(lambda s, along=direction: (law, MOTION + s * along, omega))
         assert cycle.by_motion @ direction == pytest.approx(by_motion, abs=1e-8)
     assert cycle.by_omega == pytest.approx(difference(lambda s: (law, MOTION, omega + s)), abs=3e-9)
+    # The sums of a regime's force are in closed form, or at nodes where derivatives by parameters are asked.
+    plain = cycle_force(law, MOTION, omega, cycle.hidden)
+    assert plain.coefficients == pytest.approx(cycle.coefficients, abs=1e-11)
+    assert plain.by_motion == pytest.approx(cycle.by_motion, abs=1e-11)
+    for k in range(len(law.values)):
+
+        def changed(s, k=k):
+            values = tuple(value + s * (place == k) for place, value in enumerate(law.values))
+            return BoundLaw(law.law, values, 0, law.offset), MOTION, omega
+
+        assert cycle.by_parameters[:, k] == pytest.approx(difference(changed), abs=3e-9)
 
 
 def test_the_force_of_a_slider_is_that_of_small_steps():

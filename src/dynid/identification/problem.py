@@ -198,11 +198,15 @@ class Problem:
 
 def _check_laws(measured: Sequence[Measured]) -> None:
     """Refuse measurements that are linear by nature."""
-    if not all(isinstance(measurement, Experiment) for measurement in measured):
+    if not all(
+        isinstance(measurement, Experiment)
+        or (isinstance(measurement, FrfMeasurement) and all(frf.amplitude for frf in measurement.channels))
+        for measurement in measured
+    ):
         raise UsageError(
             "frequency responses and modes are linear: they cannot identify nonlinear laws of joints",
-            remedy="Identify from records of time, or leave out the 'laws': k and c are then those at the "
-            "amplitude of the test.",
+            remedy="State the 'amplitude' of the force in each 'reference' of a stepped sine, identify from "
+            "records of time, or leave out the 'laws': k and c are then those at the amplitude of the test.",
             names=("measurement.frf", "measurement.modes", "measurement"),
         )
 

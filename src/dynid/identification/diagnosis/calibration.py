@@ -244,7 +244,8 @@ def _of_responses(record: FrfRecord, fit: RecordFit, noise: Array) -> _Calibrati
     H, measured = fit.predicted.outputs, np.nan_to_num(record.data.recorded)
     forces = np.array([frf.load.gain_name for frf in frfs])
     sensors = np.array([frf.channel.gain_name for frf in frfs])
-    columns = {name: np.where(forces == name, H, 0.0) for name in dict.fromkeys(forces.tolist())}
+    scaled = [] if record.system.nonlinear else dict.fromkeys(forces.tolist())
+    columns = {name: np.where(forces == name, H, 0.0) for name in scaled}
     columns[DELAY] = stacked(-1j * omega[:, None] * unstacked(H))  # a delay turns the phase
     columns |= {name: np.where(sensors == name, -measured, 0.0) for name in dict.fromkeys(sensors.tolist())}
     changes = [GAIN_CHANGE / (omega[-1] or 1.0) if name == DELAY else GAIN_CHANGE for name in columns]

@@ -13,6 +13,7 @@ import numpy as np
 
 from dynid.arrays import Array, ComplexArray
 from dynid.defaults import DENSE_STRUCTURES, SEARCH_WORK
+from dynid.errors import NumericalError
 from dynid.identification.information import RESPONSE, Observed
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
@@ -34,6 +35,8 @@ from dynid.identification.systems.parametric_model import Model
 from dynid.number_format import frequency_text
 from dynid.parameters import named
 
+# A steady state takes as long as so many multiplications, whatever its size.
+_STEADY_STATE_WORK = 1e7
 # Fewest evaluations that a search may take.
 _MIN_FRF_EVALUATIONS = 64
 
@@ -155,11 +158,27 @@ class FrfRecord(RecordLikelihood):
     def _compared(self, eta: Array, *, slopes: bool = True) -> tuple[Array, Array]:
         """Return the predicted values as they are compared, and their derivatives by the coordinates."""
         response = self.system.response(self.measurement.omega, eta, slopes=slopes)
+        self._check_branch(response.values)
         if self.magnitudes:
             there = np.where(response.values == 0, 1.0, response.values)
             return _logarithms(np.abs(response.values)), (response.slopes / there[..., None]).real
         profile = self.measurement.profile
         return stacked(response.values / profile), stacked(response.slopes / profile[..., None])
+
+    def _check_branch(self, values: ComplexArray) -> None:
+        """Refuse parameters for which a measured steady state does not exist."""
+        missing = np.isnan(values) & ~np.isnan(self.data.values[: len(values)])
+        if missing.any():
+            column = int(missing.any(axis=0).argmax())
+            lines = self.measurement.omega[missing[:, column]]
+            line = lines[-1] if self.channels[column].sweep == "down" else lines[0]
+            raise NumericalError(
+                f"the branch of {self.channels[column].name} ends at a fold before the measured line at "
+                f"{frequency_text(line, 5)}",
+                remedy="Start nearer to the true values, or leave out lines next to a jump. Lines behind it "
+                "are of the other branch: a channel of its own with the other 'sweep'.",
+                names=("measurement.channels",),
+            )
 
     def on(self, data: RecordData) -> Self:
         """Return the likelihood of other values of the same responses."""
@@ -197,10 +216,14 @@ class FrfRecord(RecordLikelihood):
     def multiplications(self) -> float:
         """Approximate number of multiplications of one evaluation."""
         omega, of = self.measurement.omega, self.system
+        if of.nonlinear:
+            return len(omega) * _STEADY_STATE_WORK * len(of.functions)
         return len(omega) * float(max(1, of.system.solved_size(omega, of.pairs))) ** 3
 
     def band_limited(self, band: float) -> FrfRecord | None:
         """Return the responses of the model's modes below `band` times the highest line, if that pays."""
+        if self.system.nonlinear:
+            return None
         limited = band_limited(self.system.system, self.measurement.omega, self.system.pairs, band)
         return None if limited is None else replace(self, system=replace(self.system, system=limited))
 

@@ -26,12 +26,15 @@ _LEAST_DEVIATION = 1e-6
 class Frf(NamedTuple):
     """A frequency response function: the response of `channel` to a unit of `force`, a DOF or source.
 
-    The `kind` of a DOF is as of a `Channel`.
+    The `kind` of a DOF is as of a `Channel`. With an `amplitude` of the force, by a sine that is stepped up
+    or down (`sweep`): the first harmonic of the steady state over the force.
     """
 
     channel: Any
     force: Label
     kind: str = ""
+    amplitude: float | None = None
+    sweep: str = "up"
 
     @property
     def load(self) -> Any:
@@ -41,8 +44,11 @@ class Frf(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Its name in results, ``<dof>.<quantity>/<force>``."""
-        return f"{self.channel.name}/{self.force}"
+        """Its name in results, ``<dof>.<quantity>/<force>``, with the amplitude of a stepped sine."""
+        name = f"{self.channel.name}/{self.force}"
+        if self.amplitude is None:
+            return name
+        return f"{name} at {self.amplitude:g} {self.load.unit}{', down' * (self.sweep == 'down')}"
 
     @property
     def unit(self) -> str:

@@ -128,9 +128,9 @@ def _systems(posterior: Posterior) -> list[tuple[LinearSystem, list[Pair]]]:
             )
         else:
             continue
-        pairs = [pair for pair in pairs if (pair.output, pair.input) not in seen]
-        seen |= {(pair.output, pair.input) for pair in pairs}
-        systems.append((system, pairs))
+        alone = {(pair.output, pair.input): pair for pair in pairs}  # of several amplitudes one
+        systems.append((system, [pair for names, pair in alone.items() if names not in seen]))
+        seen |= alone.keys()
     return systems
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,11 @@ from dynid.identification.systems.instruments import Instruments
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, freed_model, system_of
 from dynid.parameters import named, rates, true_values
+from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
+
+if TYPE_CHECKING:
+    from dynid.structure.nonlinear.stepped_sine import Branch
 
 # The most numbers that the solutions at all lines may take.
 _MAX_RESPONSE_NUMBERS = 100_000_000
@@ -56,6 +60,12 @@ class FrfSystem:
     # `model`, `functions`: the model and the functions that it is made of
     model: Model | None = None
     functions: tuple[Frf, ...] = ()
+    _branches: dict[tuple[Label, float, str], Branch] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def nonlinear(self) -> bool:
+        """True if joints have laws: responses then depend on the amplitude of the force."""
+        return isinstance(self.model, StructuralModel) and self.model.nonlinear
 
     def freed(self, *, known_parts: bool) -> FrfSystem | None:
         """Return the same system with considered parameters among the unknown ones; None without such.
@@ -93,7 +103,10 @@ class FrfSystem:
         at = true_values(unknowns) if eta is None else named(unknowns, eta)
         slopes = slopes and eta is not None
         self.system.evaluations += 1
-        H, moved = self.system.paired_response(at, omega, self.pairs, slopes=slopes)
+        if self.nonlinear:
+            H, moved = self._steady_states(at, omega, slopes=slopes)
+        else:
+            H, moved = self.system.paired_response(at, omega, self.pairs, slopes=slopes)
         if not self.instruments.ideal:
             gains_and_delays = self.instruments.gains, self.instruments.delays
             (gain, by_gain), (delay, by_delay) = (
@@ -107,6 +120,32 @@ class FrfSystem:
             )
             H = turned * gain * H
         return Response(H, moved * rates(unknowns, eta) if eta is not None and slopes else moved)
+
+    def _steady_states(
+        self, values: Mapping[str, float], omega: Array, *, slopes: bool
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return first harmonics of steady states over the force, and their derivatives by the values.
+
+        NaN where the branch of the sweep does not exist.
+        """
+        from dynid.structure.nonlinear.stepped_sine import Branch, Motions, Sine, stepped_sine
+
+        assert isinstance(self.model, StructuralModel)
+        names = [unknown.name for unknown in self.system.unknowns]
+        sines: dict[tuple[Label, float, str], Motions] = {}
+        H = np.zeros((len(omega), len(self.functions)), dtype=complex)
+        moved = np.zeros((*H.shape, len(names)), dtype=complex)
+        for column, function in enumerate(self.functions):
+            assert function.amplitude is not None
+            key = function.force, function.amplitude, function.sweep
+            if key not in sines:
+                branch = self._branches.setdefault(key, Branch())
+                sines[key] = stepped_sine(self.model, values, names, Sine(*key), omega, branch)
+            motions, channel = sines[key], function.channel
+            row, factor = channel.row(self.model) @ motions.shapes, (1j * omega) ** channel.order
+            H[:, column] = factor * (motions.motion @ row)
+            moved[:, column] = factor[:, None] * np.einsum("lnp,n->lp", motions.slopes, row)
+        return H, moved if slopes else moved[..., :0]
 
 
 def frf_data(model: Model, measurement: FrfMeasurement) -> RecordData:

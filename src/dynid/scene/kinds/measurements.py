@@ -356,7 +356,10 @@ def frf_measurement(scene: Scene, measurement: MeasurementModel, model: Tested =
 
     assert measurement.frf is not None
     channels = tuple(
-        Frf(channel_of(channel, model), *_referred(model, channel.reference))
+        Frf(channel_of(channel, model), *_referred(model, channel.reference))._replace(
+            amplitude=None if channel.reference.amplitude is None else float(channel.reference.amplitude),
+            sweep=channel.reference.sweep or "up",
+        )
         for channel in measurement.channels or ()
         if channel.reference
     )

@@ -89,11 +89,17 @@ class ReferenceModel(Section):
 
     dof: SignedDof | None = None
     source: str | None = None
+    amplitude: Positive | None = None
+    sweep: Literal["up", "down"] | None = None
 
     @model_validator(mode="after")
     def _somewhere(self) -> Self:
         if (self.dof is None) == (self.source is None):
             raise fault("a reference is the 'dof' of a force, or the 'source' of a graph")
+        if self.amplitude is not None and self.source is not None:
+            raise fault("an 'amplitude' is that of a force on a structure, not of the source of a graph")
+        if self.sweep is not None and self.amplitude is None:
+            raise fault("a 'sweep' is that of a stepped sine, whose force has an 'amplitude'")
         return self
 
     @property

@@ -11,7 +11,7 @@ A periodic function is ``c_0 + sum c_h cos(h theta) + s_h sin(h theta)``, stored
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -50,13 +50,14 @@ class CycleForce(NamedTuple):
     """Force of a law over a cycle.
 
     `coefficients` (2 J + 1, J > H): of the force, also beyond the H harmonics of the deflection; `by_motion`
-    (2 H + 1 x 2 H + 1), `by_omega` (2 H + 1): derivatives; `hidden`: hidden state and regime at the beginning
-    of a cycle.
+    (2 H + 1 x 2 H + 1), `by_omega` (2 H + 1), `by_parameters` (2 H + 1 x parameters and offset, or none):
+    derivatives; `hidden`: hidden state and regime at the beginning of a cycle.
     """
 
     coefficients: Array
     by_motion: Array
     by_omega: Array
+    by_parameters: Array
     hidden: tuple[float, int]
 
 
@@ -151,18 +152,27 @@ def _to_chebyshev(n: int) -> Array:
     return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _nodes(n) - 1, n - 1)))
 
 
-def cycle_force(law: BoundLaw, q: Array, omega: float, hidden: tuple[float, int] | None = None) -> CycleForce:
+def cycle_force(
+    law: BoundLaw,
+    q: Array,
+    omega: float,
+    hidden: tuple[float, int] | None = None,
+    *,
+    parameters: bool = False,
+) -> CycleForce:
     """Return the force of a law over a cycle of the deflection q (2 H + 1) at a frequency, rad/s.
 
     `hidden`: hidden state and regime near those of the closed loop; default: sliders as they are before they
-    first slip. Raises NumericalError if a loop does not close or a regime changes without end.
+    first slip; `parameters`: True: derivatives by the parameters as well.
+
+    Raises NumericalError if a loop does not close or a regime changes without end.
     """
     if not law.law.hidden and not law.guards(law.regime(0.0, 0.0, 0.0), 0.0, 0.0, 0.0):
-        return _smooth(law, q, omega)
-    return _Cycle(law, q, omega).closed(hidden)
+        return _smooth(law, q, omega, parameters=parameters)
+    return _Cycle(law, q, omega, parameters=parameters).closed(hidden)
 
 
-def _smooth(law: BoundLaw, q: Array, omega: float) -> CycleForce:
+def _smooth(law: BoundLaw, q: Array, omega: float, *, parameters: bool) -> CycleForce:
     """Return the force of a law without regimes, from samples as many as its harmonics need."""
     harmonics = len(q) // 2
     samples = max(64, 1 << (8 * harmonics + 7).bit_length())
@@ -180,8 +190,10 @@ def _smooth(law: BoundLaw, q: Array, omega: float) -> CycleForce:
         return np.asarray((rows * slope) @ at)
 
     by_motion = projected(f.d, T) + projected(omega * np.asarray(f.v), D)
+    by_p = [rows @ np.broadcast_to(slope, samples) for slope in f.p] if parameters else []
     return CycleForce(
-        projection @ np.broadcast_to(f.value, samples), by_motion, rows @ (f.v * rate), (0.0, 0),
+        projection @ np.broadcast_to(f.value, samples), by_motion, rows @ (f.v * rate),
+        np.array(by_p).reshape(-1, len(q)).T, (0.0, 0),
     )  # fmt: skip
 
 
@@ -209,13 +221,15 @@ class _Segment(NamedTuple):
 class _Cycle:
     """A law followed over cycles of a deflection.
 
-    Columns are derivatives by the coefficients of the deflection, the frequency, and the first hidden state.
+    Columns are derivatives by the coefficients of the deflection, the frequency, the first hidden state, and
+    the parameters, if these are asked for.
     """
 
-    def __init__(self, law: BoundLaw, q: Array, omega: float) -> None:
+    def __init__(self, law: BoundLaw, q: Array, omega: float, *, parameters: bool) -> None:
         self.law, self.q, self.omega = law, q, omega
         self.harmonics = len(q) // 2
-        self.columns = len(q) + 2
+        self.parameters = len(law.values) + 1 if parameters else 0
+        self.columns = len(q) + 2 + self.parameters
         samples = max(128, _SCAN * self.harmonics)
         T, D, _ = _sampled(self.harmonics, samples)
         self.scan = np.linspace(0.0, 2 * np.pi, samples + 1)[1:]
@@ -243,6 +257,11 @@ class _Cycle:
         size = len(self.q)
         of_d[:, :size], of_v[:, :size], of_v[:, size] = T, self.omega * D, D @ self.q
         return of_d, of_v
+
+    def _of_parameters(self, f: Slopes) -> Iterator[tuple[int, Any]]:
+        """Yield the columns of the parameters, and the slopes by these."""
+        if self.parameters:
+            yield from enumerate(f.p, len(self.q) + 2)
 
     def closed(self, hidden: tuple[float, int] | None) -> CycleForce:
         """Return the force of the closed loop, to first order in the change of a hidden state.
@@ -403,6 +422,8 @@ class _Cycle:
         assert rate is not None
         of_d, of_v = self.rows(theta)
         source = _column(rate.d, of_d) + _column(rate.v, of_v)
+        for column, slope in self._of_parameters(rate):
+            source[:, column] += slope
         source[:, len(self.q)] -= rate.value / self.omega
         columns = np.linalg.solve(matrix, slopes + S @ source)
         return _Segment(theta, (high - low) * weights, state, columns, regime)
@@ -431,7 +452,10 @@ class _Cycle:
         of_d, of_v = (rows[0] for rows in self.rows(np.full(1, theta)))
 
         def total(f: Slopes) -> Array:
-            return np.asarray(f.d * of_d + f.v * of_v + f.z * slopes)
+            out = np.asarray(f.d * of_d + f.v * of_v + f.z * slopes)
+            for column, slope in self._of_parameters(f):
+                out[column] += slope
+            return out
 
         columns = slopes if entered is None else total(entered)
         if moves or jumps_there:
@@ -454,7 +478,7 @@ class _Cycle:
         affine: list[tuple[_Segment, Slopes]] = []
         for segment in segments:
             f = self.law.force(segment.regime, self.d[:1], self.v[:1], segment.z)
-            resting = segment.weights is None and np.ndim(f.d) == np.ndim(f.v) == 0
+            resting = segment.weights is None and np.ndim(f.d) == np.ndim(f.v) == 0 and not self.parameters
             affine += [(segment, f)] if resting else []
             curved += [] if resting else [segment.with_nodes(self.harmonics)]
         if affine:
@@ -471,7 +495,7 @@ class _Cycle:
             slopes += np.outer(first_hidden, end / free)
             coefficients[:size] += first_hidden * (change / free)
             z += change / free
-        return CycleForce(coefficients, slopes[:, :size], slopes[:, size], (z, regime))
+        return CycleForce(coefficients, slopes[:, :size], slopes[:, size], slopes[:, size + 2 :], (z, regime))
 
     def _add_affine(
         self, parts: Sequence[tuple[_Segment, Slopes]], coefficients: Array, slopes: Array
@@ -522,6 +546,8 @@ class _Cycle:
                     if len(segment.z) > 1
                     else np.outer(weighted @ np.broadcast_to(f.z, len(segment.theta)), segment.slopes[0])
                 )
+            for column, slope in self._of_parameters(f):
+                slopes[:, column] += weighted @ np.broadcast_to(slope, len(segment.theta))
         coefficients += rows @ value
         slopes[:, :size] += (rows[:size] * by_d) @ T[:, :size]
         if by_v.any():

@@ -193,6 +193,11 @@ class ForcedResponse:
         """Number of joints with laws."""
         return len(self.structure.deflections)
 
+    @property
+    def forces(self) -> JointForces:
+        """The forces of the laws at the unknowns that were evaluated last."""
+        return self._last[1]
+
     def motion(self, u: Array) -> Array:
         """Return the deflections of unknowns (joints x 2 H + 1)."""
         return u[: -self.extra].reshape(self.joints, -1)
@@ -201,7 +206,7 @@ class ForcedResponse:
         """Return the unknowns of small motions at a frequency."""
         q = np.zeros((2 * self.harmonics + 1, self.joints))
         Z, _ = self.structure.stiffness(omega, 1)
-        X = _solved(self.structure.free(Z), self.structure.deflections.T)
+        X = solved(self.structure.free(Z), self.structure.deflections.T)
         q[:3] = to_real(X.transpose(0, 2, 1) @ self.load) * self.amplitude
         q[0] = 0.0
         return np.append(q.T.ravel(), omega)
@@ -243,7 +248,7 @@ class ForcedResponse:
         by_omega = np.einsum("hij,hj->hi", A, F_omega)
         by_omega -= np.einsum("hni,hnj,hj->hi", X, by_turned, F)
         residual[1] -= X[1].T @ self.load * self.amplitude
-        by_omega[1] += by_turned[1].T @ _solved(Z[1:2], self.load[:, None])[0, :, 0] * self.amplitude
+        by_omega[1] += by_turned[1].T @ solved(Z[1:2], self.load[:, None])[0, :, 0] * self.amplitude
         matrix = self.by_motion(A, forces)
         return to_real(residual).T.ravel(), np.column_stack([matrix, to_real(by_omega).T.ravel()])
 
@@ -260,7 +265,7 @@ class ForcedResponse:
         Notes what harmonics beyond H would deflect, and the highest harmonic that is needed.
         """
         s, harmonics = self.structure, self.order(q)
-        X = _solved(Z, right)
+        X = solved(Z, right)
         A = s.deflections @ X
         further = np.einsum("hij,hj->hi", A, to_complex(forces.coefficients.T))[harmonics + 1 :]
         size = np.abs(q).sum(axis=1).max() or 1.0
@@ -311,7 +316,7 @@ class ForcedResponse:
         modal = -(to_complex(f.T) @ s.deflections)
         modal[1] += self.amplitude * self.load
         Z, _ = s.stiffness(omega, len(modal) - 1)
-        return np.asarray(_solved(s.free(Z), modal[:, :, None])[:, :, 0])
+        return np.asarray(solved(s.free(Z), modal[:, :, None])[:, :, 0])
 
 
 def turned(Z: Array | ComplexArray, X: ComplexArray) -> ComplexArray:
@@ -319,7 +324,7 @@ def turned(Z: Array | ComplexArray, X: ComplexArray) -> ComplexArray:
     return np.asarray(Z[:, :, None] * X if Z.ndim == 2 else Z @ X)
 
 
-def _solved(Z: ComplexArray, right: Array | ComplexArray) -> ComplexArray:
+def solved(Z: ComplexArray, right: Array | ComplexArray) -> ComplexArray:
     """Return ``Z^-1 right`` of each harmonic (H + 1 x n x columns), Z diagonal or full."""
     if Z.ndim == 2:
         return np.asarray(right / Z[:, :, None])
