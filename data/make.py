@@ -10,6 +10,9 @@
 - machine_hammer.npz, machine_mount.wav, machine_rail.wav: the same machine, struck again (seed 12): force (N)
   and one acceleration (g) as arrays, the others as WAV of ±50 g, 16 bits;
   for configs/machine_recorders.yaml.
+- machine_daq.npz, machine_handheld.csv: the same machine under a random force (seed 13): force (N) and two
+  accelerations (g) at 1,024 Hz, and one of a recorder of 1,000 Hz that was started 0.25 s later, whose clock
+  is slow by 40 parts in a million; for configs/machine_clocks.yaml.
 - chain_frf.csv, chain_modal.h5: accelerances of a chain (2 % noise of every line, seed 3), and its modes by
   configs/chain_frf_modes.yaml.
 - chain_ambient.npz: accelerations (g) of that chain under random forces and a machine at 20 Hz (seed 5), for
@@ -101,6 +104,22 @@ def recorders() -> None:
     for name, values in (("mount", a[:, 0]), ("rail", a[:, 1])):
         counts = np.round(values / (50 * 9.80665) * 2**15).astype(np.int16)
         wavfile.write(HERE / f"machine_{name}.wav", 1024, counts)
+
+
+def clocks() -> None:
+    """Write a record of two recorders, of other rates, starts and clocks."""
+    text = MACHINE.replace("seed: 11", "seed: 13").replace("samples: 512", "samples: 1024")
+    text = text.replace("noise_ratio: 0.03", "noise_ratio: 0.01")
+    noise = "kind: random, amplitude: 200, seed: 2, band: [10, 2000]"
+    text = text.replace("kind: impact, amplitude: 2000, duration: 0.006", noise)
+    clock = "clock: {step: 0.001, start: 0.25, samples: 700, drift: 4.0e-5}"
+    text = text.replace("dof: 2, quantity: acceleration", f"dof: 2, quantity: acceleration, {clock}")
+    time, a, force = machine(text)
+    arrays = {"force": force[:, 0], "acc_1": a[:, 0] / 9.80665, "acc_3": a[:, 2] / 9.80665}
+    arrays = {name: values.astype(np.float32) for name, values in arrays.items()}
+    np.savez_compressed(HERE / "machine_daq.npz", time=time, **arrays)
+    rows = [f"{k / 1000:.3f},{acc:.5f}" for k, acc in enumerate(a[:700, 1] / 9.80665)]
+    (HERE / "machine_handheld.csv").write_text("\n".join(["t,acc 2 [g]", *rows, ""]))
 
 
 def logger() -> None:
@@ -199,6 +218,7 @@ if __name__ == "__main__":
     raw()
     logger()
     recorders()
+    clocks()
     matrices()
     chain()
     ambient()

@@ -261,7 +261,7 @@ def test_channels_of_other_clocks_are_refused(tmp_path, other):
     first = "Run 1/acc" if other == "Run 2/acc" else "Run 2/acc"
     said = refusal(path, [first, other])
     assert f"has channels of different clocks: '{first}' has" in said
-    assert "A record takes channels of one clock: name those (columns: […]), or resample them" in said
+    assert "Name columns of one clock: columns: […], and others in 'beside'" in said
 
 
 def test_channels_without_times_and_of_other_lengths(tmp_path):

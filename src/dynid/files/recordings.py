@@ -233,7 +233,7 @@ def _all_of(
 
 
 _ONE_CLOCK_REMEDY = (
-    "A record takes channels of one clock: name those (columns: […]), or resample them to one clock before."
+    "Name columns of one clock: columns: […], and others in 'beside', their channels with a clock: {step: …}."
 )
 
 

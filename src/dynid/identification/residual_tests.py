@@ -131,14 +131,24 @@ def spectral_lines(samples: int, step: float) -> Array:
     return np.asarray(2 * np.pi * np.fft.rfftfreq(min(samples, _SEGMENT), step))
 
 
-def spectrum(residual: Array, step: float) -> tuple[Array, Array]:
+def spectrum(residual: Array, step: float, steps: Array | None = None) -> tuple[Array, Array]:
     """Return the root of each channel's power spectral density, whose integral over omega is its mean square.
 
     Averaged over segments of up to 512 samples that overlap by half, under Hann's window (P. D. Welch, IEEE
     Trans. Audio Electroacoust. 15 (1967) 70–73). Missing samples count as zeros, and the power is raised by
     as many. Returns omega, rad/s, and roots of one-sided densities (omega x channels), unit times the root of
-    s/rad.
+    s/rad. `steps` (channels): sampling steps of their own; their spectra are interpolated at the lines of
+    `step`, NaN beyond half of their rates.
     """
+    if steps is not None and np.any(steps != step):
+        omega = spectral_lines(len(residual), step)
+        amplitude = np.empty((len(omega), len(steps)))
+        for own in np.unique(steps).tolist():
+            here = steps == own
+            lines, density = spectrum(residual[:, here], own)
+            columns = [np.interp(omega, lines, column, right=np.nan) for column in density.T]
+            amplitude[:, here] = np.column_stack(columns)
+        return omega, amplitude
     n = len(residual)
     length = min(n, _SEGMENT)
     window = np.sin(np.pi * (np.arange(length) + 0.5) / length)[:, None] ** 2

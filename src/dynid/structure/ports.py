@@ -25,12 +25,22 @@ UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
 """SI units of the output quantities (of translations; read m as rad for rotations)."""
 
 
+class ChannelClock(NamedTuple):
+    """Clock of a channel: sample j is at ``start + j step (1 + drift)``, s, from the record's first on."""
+
+    step: float  # nominal sampling step, s
+    samples: int
+    start: float = 0.0  # time of its first sample after that of the record, s
+    drift: Real = 0.0  # part by which its step is longer than the nominal one
+
+
 class Channel(NamedTuple):
     """An output: `quantity` (displacement, velocity, acceleration) of `dof`, less that of `reference`.
 
     Where the ground moves it is relative to the ground, or `absolute`. What is recorded is ``gain`` times the
-    output ``delay`` earlier (s), behind `filters` of the instrument, plus ``offset``. The DOF's `kind` is
-    ``translation``, ``rotation`` or ``unknown``; default: as its label says, else a translation.
+    output ``delay`` earlier (s), behind `filters` of the instrument, plus ``offset``, at the times of its
+    `clock`, by default those of the record. The DOF's `kind` is ``translation``, ``rotation`` or ``unknown``;
+    default: as its label says, else a translation.
     """
 
     dof: Label
@@ -42,6 +52,7 @@ class Channel(NamedTuple):
     delay: Real = 0.0
     kind: str = ""
     filters: tuple[Filter, ...] = ()
+    clock: ChannelClock | None = None
 
     @property
     def name(self) -> str:

@@ -205,6 +205,8 @@ def _by_clock(record: TimeRecord, fit: RecordFit) -> Array | None:
         passed = (model.times - model.times[0])[:, None]
         return np.asarray(passed * model.rates(fit.eta, fit.predicted.states))
     span = float(np.ptp(model.times))
+    if model.instruments.clocked:
+        return None
     if model.known.any() or model.instruments.unknown_delays or not span > 0:
         return None
     poles = np.abs(model.poles(fit.eta))

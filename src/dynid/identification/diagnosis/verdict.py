@@ -404,7 +404,8 @@ def _record_warnings(posterior: Posterior) -> Iterator[str]:
     for channel in posterior.channels:
         if records[channel.record].sampling_step is None:
             continue
-        values = records[channel.record].data.recorded[:, channel.column]
+        record = records[channel.record]
+        values = record.data.recorded[: int(record.sample_counts[channel.column]), channel.column]
         there = values[~np.isnan(values)]
         if len(there) < (1 - _GAPS) * len(values):
             yield f"{channel.name} has {100 * (1 - len(there) / len(values)):.0f} % of its samples missing"

@@ -95,6 +95,11 @@ class _Segments(RecordLikelihood):
         return self.record.system_model
 
     @property
+    def may_idle(self) -> bool:
+        """True if parameters may have no influence in the record."""
+        return self.record.may_idle
+
+    @property
     def nuisances(self) -> int:
         """Number of initial states of all segments."""
         return self.record.nuisances * math.ceil(len(self.record.data.values) / self.length)
@@ -269,13 +274,13 @@ class Auto:
 
     def _of_records(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
         """Estimate from records of time: a filter pass; segments, annealed passes and starts where needed."""
-        search = Search(likelihood)
+        search, guide = Search(likelihood), likelihood.at_record_clock()
         first = likelihood.shortened(origin)
         if first is not likelihood:  # a pass of the filter takes the time of many fits
             search.attempt("the start", partial(guided, [first], origin))
         if not search.accepted:
             one_pass = partial(run_passes, passes=1)
-            search.attempt("a filter pass", partial(_filtered, one_pass, likelihood, origin))
+            search.attempt("a filter pass", partial(_filtered, one_pass, guide, origin))
         if not (self.multi_start or search.accepted):
             search.attempt("the start", partial(guided, (), origin))
         if not self.multi_start or (search.accepted and not search.vague):
@@ -286,14 +291,14 @@ class Auto:
         except UsageError:  # too long for segments and ranked starts: the search ends, and says so
             search.cut_off = True
             return search.best()
-        guides = {divisor: in_segments(likelihood, divisor) for route in _ROUTES for divisor in route}
+        guides = {divisor: in_segments(guide, divisor) for route in _ROUTES for divisor in route}
         routes: list[list[Likelihood]] = [[guides[divisor] for divisor in route] for route in _ROUTES]
         if search.accepted:
             search.look_around()
         else:
             search.attempt("segments", partial(guided, routes[0], origin))
         if not search.accepted and search.left > 0:
-            search.attempt("annealed passes", partial(_filtered, annealed_passes, likelihood, origin))
+            search.attempt("annealed passes", partial(_filtered, annealed_passes, guide, origin))
         if not search.ended:
             search.draw(guides[_ROUTES[0][0]], routes, origin)
         return search.best()

@@ -71,9 +71,20 @@ class Filter:
                 remedy="Use method: filter.",
                 names=("estimator.method", "estimator"),
             )
+        check_one_clock(likelihood)
         histories = run_passes(likelihood, origin, self.passes, sigma_points=self.sigma_points)
         fit = likelihood.fit(last(likelihood, histories))
         return Estimate(fit, histories, [EstimationStage.at("filter", likelihood, fit)])
+
+
+def check_one_clock(likelihood: TimeLikelihood) -> None:
+    """Refuse records whose channels have clocks of their own (UsageError): a filter goes sample by sample."""
+    if any(record.model.instruments.clocked for record in likelihood.records):
+        raise UsageError(
+            "a filter takes the samples of all channels together, and a channel has a clock of its own",
+            remedy="Use method: auto, or output-error.",
+            names=("estimator.method", "estimator"),
+        )
 
 
 def sigma_point_filter(**options: int) -> Filter:

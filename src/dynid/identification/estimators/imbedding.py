@@ -23,7 +23,7 @@ from dynid.arrays import Array
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage
 from dynid.identification.estimators.filter import Pass, check_run_away
-from dynid.identification.estimators.filter_passes import chained, last, wide_prior
+from dynid.identification.estimators.filter_passes import chained, check_one_clock, last, wide_prior
 from dynid.identification.information import RECORD
 from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
@@ -66,6 +66,7 @@ class InvariantImbedding:
                 remedy="Use method: filter, which solves them sample by sample, or sigma-point.",
                 names=("estimator.method", "estimator"),
             )
+        check_one_clock(likelihood)
         counts = {"equations": 0, "evaluations": 0}
 
         def passed(_: int, record: TimeRecord, prior: InitialState) -> Pass:

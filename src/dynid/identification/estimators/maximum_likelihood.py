@@ -123,6 +123,7 @@ def _nearest_maximum(
     damping = _FIRST_DAMPING if noise is None else _MIN_DAMPING
     before, smallest = 0.0, _LAST_DISTANCE_UNITS * likelihood.priors.units
     superposes = all(record.superposes for record in likelihood.records)
+    may_idle = any(record.may_idle for record in likelihood.records)
     for number in range(1, iterations + 1):
         report_progress(f"maximum likelihood, step {number}")
         noise = likelihood.likeliest(fit)
@@ -130,7 +131,7 @@ def _nearest_maximum(
         residual = likelihood.weighted(fit, noise)
         # Parameters of a joint that never slips or closes have no influence: they stay. Where those of a
         # linear model have none the search has run away, and `deviations` fails.
-        idle = np.asarray(~(information.projected.any(axis=0) | superposes))
+        idle = np.asarray(~information.projected.any(axis=0) & may_idle)
         held = idle | likelihood.priors.blocked(fit.eta, information.projected.T @ residual)
         deviations = (
             np.linalg.norm(information.root_of(~idle), axis=1) if idle.any() else information.deviations()

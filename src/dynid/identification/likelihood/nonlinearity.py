@@ -133,6 +133,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
         if isinstance(record, TimeRecord)
         and isinstance(record.model.system, StructureSystem)
         and not record.model.system.model.nonlinear
+        and not record.model.instruments.clocked  # joints' motions are at the record's times
     ]
     if not tested or not tested[0][-1].names:
         return None

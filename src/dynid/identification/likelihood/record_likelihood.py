@@ -100,6 +100,17 @@ class RecordLikelihood(ABC):
     origin_is_free: ClassVar[bool] = False
 
     @property
+    def sample_counts(self) -> NDArray[np.int_]:
+        """Number of values of each channel, present or missing (channels)."""
+        samples, channels = self.data.values.shape
+        return np.full(channels, samples)
+
+    @property
+    def may_idle(self) -> bool:
+        """True if parameters may have no influence without having run away: those of a joint that sticks."""
+        return not self.superposes
+
+    @property
     def full_data(self) -> RecordData:
         """The values with those at which not every input is known."""
         return self.data

@@ -37,7 +37,12 @@ from dynid.identification.residual_tests import spectrum
 from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems import kernels
 from dynid.identification.systems.free_decays import FreeDecays, free_decays
-from dynid.identification.systems.known_inputs import NONE_LEFT_OUT, KnownSamples, known_samples
+from dynid.identification.systems.known_inputs import (
+    NONE_LEFT_OUT,
+    KnownSamples,
+    known_samples,
+    known_span,
+)
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import ParametricModel, check_sensitivities
 from dynid.identification.systems.prediction import (
@@ -49,7 +54,8 @@ from dynid.identification.systems.prediction import (
     kernels_used,
     prediction,
 )
-from dynid.parameters import rates, starts, values
+from dynid.lti.signals import Sampled, Shifted, Signal
+from dynid.parameters import named, rates, starts, values
 from dynid.structure.ports import Channel
 
 # The prior lets every channel be this many times larger than measured.
@@ -66,6 +72,8 @@ _MIN_RECORD_EVALUATIONS = 256
 _TRANSITION_WORK = 30
 # The first part of a large record, one in so many, from which an estimate begins.
 _FIRST_PART = 8
+# Part of a step by which times differ by round-off.
+_TIME_TOL = 1e-6
 # Fewest values of a part of a record for each unknown.
 _MIN_VALUES_PER_UNKNOWN = 4
 
@@ -86,6 +94,8 @@ class TimeRecord(RecordLikelihood):
     # Samples of the record at which not every input is known: `model` and `data` are without them.
     left_out: KnownSamples = NONE_LEFT_OUT
     recorded: RecordData | None = None  # the record with them; None where there are none
+    # True: channels with clocks of their own are interpolated at the times of the record, for searches.
+    resampled: bool = False
     _last: dict[bytes, Prediction] = field(default_factory=dict, init=False, repr=False)
     _shared: dict[bytes, Regressors] = field(default_factory=dict, init=False, repr=False)
 
@@ -105,6 +115,9 @@ class TimeRecord(RecordLikelihood):
         if samples == self.left_out:
             return self
         record, times = self.full_data, self.conditions.measurement.record.times
+        if samples.of_channels:
+            emptied = replace(self, left_out=samples, recorded=record, colour=None)
+            return replace(emptied, data=record.where(emptied.known))
         kept = slice(samples.before, len(times) - samples.after)
         model = self.model.at_times(times[kept])
         return replace(
@@ -133,11 +146,71 @@ class TimeRecord(RecordLikelihood):
 
     def _left_out_at(self, eta: Array, reach: Array) -> KnownSamples:
         """Return the samples left out for coordinates that may be off by so much (p)."""
-        if self.experiment is None or not self.model.instruments.delayed:
+        instruments = self.model.instruments
+        if self.experiment is None or not (instruments.delayed or instruments.clocked):
             return self.left_out
         measurement = self.experiment.measurement
         simulated = isinstance(measurement.source, Simulation)
         return known_samples(self.model, measurement.record.times, eta, reach, at_rest_before=simulated)
+
+    def at_record_clock(self) -> Self:
+        """Return the likelihood with channels interpolated at the times of the record; itself if none is.
+
+        It guides searches, which are not blocked by what a drift does: that has no influence there.
+        """
+        model = self.model
+        if not model.instruments.clocked:
+            return self
+        at = named(self.unknowns, starts(self.unknowns))
+        instants = model.instruments.instants(model.times, at).value
+        late = model.instruments.numbers(model.instruments.delays, at).value
+        columns = zip(self.data.values.T, (instants + late).T, strict=True)
+        values = np.column_stack([_interpolated(column, own, model.times) for column, own in columns])
+        data = replace(self.data, values=values, clean=None)
+        return replace(
+            self, model=model.at_record_clock(), data=data, recorded=None, colour=None, resampled=True
+        )
+
+    @property
+    def may_idle(self) -> bool:
+        """True if parameters may have no influence: drifts of channels that are interpolated."""
+        return self.resampled or super().may_idle
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Mask of values of channels at which every input is known (times x channels)."""
+        known = self.model.instruments.present(len(self.data.values))
+        if self.left_out.of_channels:
+            before, after = np.array(self.left_out.of_channels).T
+            rows = np.arange(len(known))[:, None]
+            known &= (rows >= before) & (rows < self.sample_counts - after)
+        return known
+
+    def within_inputs(self, eta: Array) -> NDArray[np.bool_]:
+        """Return the mask of the record's times at which every input is known (times)."""
+        first, last = known_span(self.model, eta)
+        times, rounding = self.model.times, _TIME_TOL * self.sampling_step
+        return np.asarray((times >= first - rounding) & (times <= last + rounding))
+
+    @property
+    def sample_counts(self) -> NDArray[np.int_]:
+        """Number of samples of each channel by its clock, present or missing (channels)."""
+        return np.asarray(self.model.instruments.present(len(self.data.values)).sum(axis=0))
+
+    @cached_property
+    def channel_steps(self) -> Array:
+        """Sampling steps of the channels (channels), s."""
+        clocks = self.model.instruments.clocks
+        return np.array([self.sampling_step if clock is None else clock.step for clock in clocks])
+
+    def channel_times(self, eta: Array) -> Array:
+        """Return the times of the channels' samples by their clocks (times x channels), s, NaN without one.
+
+        They are at the record's time, from its first sample on, less the delays.
+        """
+        model = self.model
+        times = model.instruments.instants(model.times, named(self.unknowns, eta)).value
+        return np.where(model.instruments.present(len(times)), times - model.times[0], np.nan)
 
     @property
     def full_data(self) -> RecordData:
@@ -189,7 +262,7 @@ class TimeRecord(RecordLikelihood):
 
     def residual_peak(self, fit: RecordFit, column: int) -> float:
         """Return the frequency, rad/s, at which the residual of a channel is strongest."""
-        omega, density = spectrum(self._raw_residual(fit, column), self.sampling_step)
+        omega, density = spectrum(self._raw_residual(fit, column), float(self.channel_steps[column]))
         return float(omega[int(np.argmax(density[:, 0]))])
 
     def _raw_residual(self, fit: RecordFit, column: int) -> Array:
@@ -269,7 +342,7 @@ class TimeRecord(RecordLikelihood):
     @property
     def _fitted_in_blocks(self) -> bool:
         """True if the compiled fit does all: of white noise, at times that do not move."""
-        moving = self.model.sampling is not None or self.model.instruments.unknown_delays
+        moving = self.model.sampling is not None or self.model.instruments.unknown_delays  # or clocks
         return self.colour is None and not moving and kernels_used(self.model)
 
     def _first_state(self, noise: Array | None) -> kernels.FirstState:
@@ -327,7 +400,7 @@ class TimeRecord(RecordLikelihood):
                 return predicted
             return predicted._replace(by_state=np.moveaxis(decays.columns @ decays.weights[channels], 0, 1))
         free, steps = free_prediction(self.model, eta, channels)
-        return prediction(self.model, eta, start, free, steps, channels)
+        return prediction(self.model, eta, start, free, steps)
 
     def state_slopes(self, fit: RecordFit) -> Array | None:  # noqa: ARG002
         """Return the derivatives of the states (times x n, scaled) by first states and coordinates (… x q).
@@ -520,6 +593,25 @@ class TimeRecord(RecordLikelihood):
             self._shared[key] = shared
         return self._shared[key]
 
+    def _regressors_of_clock(self, fit: RecordFit, channel: int) -> Regressors:
+        """Return the regressors of a channel at the times of its own clock."""
+        model, clock = self.model, self.model.instruments.clocks[channel]
+        assert clock is not None
+        at = named(self.unknowns, fit.eta)
+        first, second = model.instruments.instants(model.times[:2], at).value[:, channel]
+        times = first + (second - first) * np.arange(len(model.times))
+        # Beyond their samples, signals keep the last one.
+        acting = [
+            Shifted(signal, 0.0) if isinstance(signal, Sampled) else signal
+            for signal in model.instruments.acting(model.signals, at)
+        ]
+        inputs = [
+            np.column_stack([_derivative(signal, order, times) for signal in acting]) for order in (0, 1)
+        ]
+        max_count = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
+        forced = forced_regressors(model.signals, inputs, times, max_count)
+        return regressors_in_time(forced, model.poles(fit.eta), times, max_count)
+
     def channelwise(self, fit: RecordFit, *, by_state: bool = True) -> Iterator[tuple[int, Prediction]]:
         """Yield the channels with their predictions, as many at once as memory allows.
 
@@ -540,11 +632,14 @@ class TimeRecord(RecordLikelihood):
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
         assert fit.measured is not None
-        white, shared, decays = self.data.passed == 1, self.shared_regressors(fit), self.decays(fit.eta)
-        coordinates = []
+        white, decays = self.data.passed == 1, self.decays(fit.eta)
+        shared = self.shared_regressors(fit)
+        coordinates, clocks = [], self.model.instruments.clocks
         # The derivatives by the first state are in the range of the regressors and decays.
         inside = None if decays is None else shared.directions[1] @ decays.columns
         for c, predicted in self.channelwise(fit, by_state=False):
+            if clocks[c] is not None:
+                shared = self._regressors_of_clock(fit, c)
             rms = self.data.rms[c]
             there = ~np.isnan(fit.residual[:, c])
             outputs, residual = predicted.outputs[:, 0] / rms, fit.residual[:, c] / rms
@@ -616,6 +711,12 @@ class TimeLikelihood(Likelihood):
 
     records: tuple[TimeRecord, ...]  # one or more, all with the same unknowns
 
+    def at_record_clock(self) -> Self:
+        """Return the likelihood of records whose channels all have the clock of their record."""
+        records = tuple(record.at_record_clock() for record in self.records)
+        same = all(new is old for new, old in zip(records, self.records, strict=True))
+        return self if same else replace(self, records=records, noiseless=None)
+
     def shortened(self, eta: Array) -> Self:
         """Return the likelihood of the first parts of records whose channels share decays at coordinates (p).
 
@@ -631,3 +732,22 @@ class TimeLikelihood(Likelihood):
         """Most evaluations that a search may take, from the work of one."""
         work = sum(record.evaluation_work for record in self.records)
         return max(_MIN_RECORD_EVALUATIONS, RECORD_SEARCH_WORK.value // max(1, work))
+
+
+def _interpolated(values: Array, at: Array, times: Array) -> Array:
+    """Return values at even instants, NaN where missing, by a spline at times; NaN outside of them."""
+    there = np.flatnonzero(~np.isnan(values))
+    first, last = int(there[0]), int(there[-1])
+    filled = np.interp(np.arange(first, last + 1), there, values[there])
+    inside = (times >= at[first]) & (times <= at[last])
+    out = np.full(len(times), np.nan)
+    if last > first:
+        signal = Sampled(filled, float(at[last] - at[first]) / (last - first), "spline", float(at[first]))
+        out[inside] = signal.value(times[inside])
+    return out
+
+
+def _derivative(signal: Signal, order: int, times: Array) -> Array:
+    """Return a derivative of a signal at times."""
+    G, h = signal.generator()
+    return np.asarray(signal.states(times, times) @ (h @ np.linalg.matrix_power(G, order)))

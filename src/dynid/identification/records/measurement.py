@@ -117,6 +117,14 @@ class Measurement:
         if len(set(channels)) != len(channels):
             twice = [channel.name for channel in channels if channels.count(channel) > 1]
             raise UsageError(f"the channel {twice[0]} is named twice", names=twice[:1])
+        for channel in channels:
+            clock = getattr(channel, "clock", None)
+            if clock is not None and clock.samples > self.samples:
+                raise UsageError(
+                    f"{channel.name} has {clock.samples} samples by its clock, and the record {self.samples}",
+                    remedy="A record has as many samples as its longest channel.",
+                    names=("measurement.channels",),
+                )
         _ = self.record
         noise = self.given_noise
         if noise is not None and not np.all(np.isnan(noise) | ((noise > 0) & np.isfinite(noise))):
@@ -220,6 +228,10 @@ class RecordData:
         """Return some of the samples."""
         clean = None if self.clean is None else self.clean[samples]
         return replace(self, values=self.values[samples], clean=clean)
+
+    def where(self, kept: NDArray[np.bool_]) -> RecordData:
+        """Return the record with some of its values (times x channels), the others missing."""
+        return replace(self, values=np.where(kept, self.values, np.nan))
 
     def without_noise(self) -> RecordData:
         """Return the record without its noise, where that is known."""

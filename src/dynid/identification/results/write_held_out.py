@@ -47,6 +47,9 @@ def add_held_out(
         channels, group = record.experiment.measurement.channels, f"{HELD_OUT}/record_{number}"
         result.add_axis(f"{group}/time", likelihood.times, "s")
         result.add_axis(f"{group}/channel", [channel.name for channel in channels])
+        if likelihood.model.instruments.clocked:
+            result.add(f"{group}/channel_time", likelihood.channel_times(eta), ("time", "channel"), "s")
+            predicted = np.where(likelihood.known, predicted, np.nan)
         unit = common_unit(channel.unit for channel in channels)
         result.add_all(group, ("time", "channel"), unit, measured=measured, predicted=predicted)
         result.add(f"{group}/unit", [channel.unit for channel in channels], ("channel",))

@@ -423,6 +423,9 @@ def _add_record(
     _add_stored_times(result, states, record)
     _add_components(result, states, model)
     estimate = fit.predicted.states[rows] * model.scale
+    if model.instruments.clocked:  # no sample may be at the last times of the record
+        outside = ~record.within_inputs(fit.eta)[rows]
+        estimate, band = (np.where(outside[:, None], np.nan, values) for values in (estimate, band))
     result.add_all(states, dims, estimate=estimate, standard_deviation=band * model.scale)
     if true is not None:
         result.add(f"{states}/true", true, dims)
@@ -441,7 +444,7 @@ def _add_record(
 def _add_spectrum(result: Result, group: str, record: TimeRecord, fit: RecordFit) -> None:
     """Add the roots of the power spectral densities of the residuals."""
     channels = record.conditions.measurement.channels
-    omega, amplitude = spectrum(fit.residual, record.sampling_step)
+    omega, amplitude = spectrum(fit.residual, record.sampling_step, record.channel_steps)
     units = [f"{channel.unit}.(s/rad)^0.5" for channel in channels]
     result.add_axis(f"{group}/omega", omega, "rad/s")
     result.add_axis(f"{group}/channel", [channel.name for channel in channels])
@@ -518,8 +521,13 @@ def _add_measurement(result: Result, group: str, record: TimeRecord, fit: Record
     """Add a record as measured and as predicted, and its excitation."""
     data, (loads, measurement) = record.data, record.conditions
     result.add_axis(f"{group}/time", record.times, "s")
-    result.add(f"{group}/samples_left_out", sum(record.left_out))
-    unit = _add_values(result, group, record, "time", data.recorded, fit.predicted.outputs)
+    result.add(f"{group}/samples_left_out", record.left_out.total)
+    if record.model.instruments.clocked:
+        result.add(f"{group}/channel_time", record.channel_times(fit.eta), ("time", "channel"), "s")
+    predicted = fit.predicted.outputs
+    if record.model.instruments.clocked:  # of a channel there is none beyond its samples, or the inputs'
+        predicted = np.where(record.known, predicted, np.nan)
+    unit = _add_values(result, group, record, "time", data.recorded, predicted)
     result.add_axis(f"{group}/excitation", source_names(loads))
     inputs = inputs_of(loads, record.model.times, record.model.inputs())
     units_in = [load.unit for load in loads]

@@ -31,6 +31,7 @@ from dynid.units import as_factor
 
 if TYPE_CHECKING:
     from dynid.lti.filters import Filter
+    from dynid.structure.ports import ChannelClock
 
 # Most known storages whose values are considered one by one.
 _MAX_STORAGES = 24
@@ -68,7 +69,8 @@ class SourceLoad(NamedTuple):
 class GraphChannel(NamedTuple):
     """A measured variable of the graph: effort, flow, displacement or momentum at a node.
 
-    What is recorded is ``gain`` times the variable ``delay`` earlier (s), behind `filters`, plus ``offset``.
+    What is recorded is ``gain`` times the variable ``delay`` earlier (s), behind `filters`, plus ``offset``,
+    at the times of its `clock`, by default those of the record.
     """
 
     port: Port
@@ -77,6 +79,7 @@ class GraphChannel(NamedTuple):
     offset: Real = 0.0
     delay: Real = 0.0
     filters: tuple[Filter, ...] = ()
+    clock: ChannelClock | None = None
 
     @property
     def name(self) -> str:
@@ -185,6 +188,7 @@ class IdentifiedGraph:
         offset: Real = 0.0,
         delay: Real = 0.0,
         filters: tuple[Filter, ...] = (),
+        clock: ChannelClock | None = None,
     ) -> GraphChannel:
         """Return the channel that measures a variable, with its unit.
 
@@ -202,7 +206,7 @@ class IdentifiedGraph:
         for item in filters:
             if item.kind == "integrator" and unit:
                 unit = f"{as_factor(unit)}.s{item.order if item.order > 1 else ''}"
-        return GraphChannel(port, unit, gain, offset, delay, filters)
+        return GraphChannel(port, unit, gain, offset, delay, filters, clock)
 
     def system(self, loads: Sequence[SourceLoad], channels: Sequence[GraphChannel]) -> GraphSystem:
         """Return the system from the loads to the channels.

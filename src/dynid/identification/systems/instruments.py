@@ -1,7 +1,7 @@
-"""Instruments of a record: gains, offsets and delays of its channels, gains and delays of its loads.
+"""Instruments of a record: gains, offsets, delays and clocks of its channels, gains and delays of its loads.
 
-A channel records ``gain * y(t - delay) + offset`` of the quantity y of the model; a load acts as
-``gain * u(t - delay)`` of its signal u. Each number may depend on unknown parameters.
+A channel records ``gain * y(t - delay) + offset`` of the quantity y of the model, at times t of its clock; a
+load acts as ``gain * u(t - delay)`` of its signal u. Each number may depend on unknown parameters.
 """
 
 from __future__ import annotations
@@ -18,10 +18,21 @@ from dynid.arrays import Array
 from dynid.lti.signals import Shifted, Signal
 from dynid.lti.state_space import Matrices
 from dynid.parameters import Parameter
+from dynid.structure.ports import ChannelClock
 
 
 class Numbers(NamedTuple):
     """Numbers of loads or channels, and their derivatives by the parameters' values (p x numbers)."""
+
+    value: Array
+    slopes: Array
+
+
+class Instants(NamedTuple):
+    """Times of the model that samples of the channels record (times x channels), s.
+
+    `slopes` (p x times x channels): their derivatives by the parameters' values.
+    """
 
     value: Array
     slopes: Array
@@ -50,6 +61,12 @@ class RecordSampling(NamedTuple):
         rows = places.reshape(shifted.shape)
         return cls(ascending[new], rows[:, 1:], rows[:, 0])
 
+    @classmethod
+    def at_nodes(cls, nodes: Array, times: Array, channels: int) -> RecordSampling:
+        """Return the sampling times, which are among the nodes of a timeline, for all channels."""
+        own = np.searchsorted(nodes, times)
+        return cls(nodes, np.repeat(own[:, None], channels, axis=1), own)
+
     def gathered(self, values: Array) -> Array:
         """Return values (u x channels x …) of each channel at its own times (times x channels x …)."""
         return np.asarray(values[self.rows, np.arange(self.rows.shape[1])])
@@ -73,6 +90,7 @@ class Instruments:
     gains: tuple[Real, ...]
     offsets: tuple[Real, ...]
     delays: tuple[Real, ...]
+    clocks: tuple[ChannelClock | None, ...]  # of the channels; None: that of the record
 
     @classmethod
     def of(cls, parameters: Sequence[str], loads: Sequence[Any], channels: Sequence[Any]) -> Instruments:
@@ -84,6 +102,7 @@ class Instruments:
             tuple(channel.gain for channel in channels),
             tuple(channel.offset for channel in channels),
             tuple(channel.delay for channel in channels),
+            tuple(getattr(channel, "clock", None) for channel in channels),
         )
 
     def acting(self, signals: Sequence[Signal], values: Mapping[str, float]) -> list[Signal]:
@@ -94,8 +113,44 @@ class Instruments:
         ]
 
     @property
+    def clocked(self) -> bool:
+        """True if a channel has a clock of its own."""
+        return any(clock is not None for clock in self.clocks)
+
+    @property
+    def drifts(self) -> tuple[Real, ...]:
+        """The drifts of the channels' clocks."""
+        return tuple(0.0 if clock is None else clock.drift for clock in self.clocks)
+
+    def synchronous(self) -> Instruments:
+        """Return the instruments with the clock of the record for all channels."""
+        return replace(self, clocks=(None,) * len(self.clocks))
+
+    def present(self, samples: int) -> NDArray[np.bool_]:
+        """Return where channels have one of so many samples (samples x channels)."""
+        counts = [samples if clock is None else clock.samples for clock in self.clocks]
+        return np.asarray(np.arange(samples)[:, None] < np.array(counts))
+
+    def instants(self, times: Array, values: Mapping[str, float]) -> Instants:
+        """Return when each sample is recorded, less the delay, at values of the parameters.
+
+        `times`: those of the record's samples, from the first one on, s. After the last sample of a channel
+        its time repeats.
+        """
+        (delay, late), (drift, slower) = (
+            self.numbers(numbers, values) for numbers in (self.delays, self.drifts)
+        )
+        instants, elapsed = times[:, None] - delay, np.zeros((len(times), len(delay)))
+        for column, clock in enumerate(self.clocks):
+            if clock is not None:
+                elapsed[:, column] = clock.step * np.minimum(np.arange(len(times)), clock.samples - 1)
+                first = times[0] + clock.start - delay[column]
+                instants[:, column] = first + elapsed[:, column] * (1 + drift[column])
+        return Instants(instants, slower[:, None] * elapsed - late[:, None])
+
+    @property
     def ideal(self) -> bool:
-        """True if they change nothing."""
+        """True if they change nothing but the times of samples."""
         gains, rest = (*self.load_gains, *self.gains), (*self.load_delays, *self.offsets, *self.delays)
         numbers = all(not isinstance(number, Dependent) for number in (*gains, *rest))
         return numbers and all(gain == 1 for gain in gains) and not any(rest)
@@ -124,8 +179,9 @@ class Instruments:
         """Return the matrices from the signals, delayed, to what the channels record, but for offsets.
 
         With G_u and G_y the gains: B G_u, G_y C, G_y D G_u. The derivative of a record by the delay of its
-        channel is minus the rate of the output, C A x + C B u + D du/dt; that by the delay of a load enters
-        through -du/dt, of which the part of D is here and that of B is `ParametricModel.transition`'s.
+        channel is minus the rate of the output, C A x + C B u + D du/dt; with clocks it is `readout`'s. That
+        by the delay of a load enters through -du/dt, of which the part of D is here and that of B is
+        `ParametricModel.transition`'s.
         """
         if self.ideal:
             return matrices
@@ -142,6 +198,8 @@ class Instruments:
         (_, late_u), (_, late_y) = (
             self.numbers(delays, values) for delays in (self.load_delays, self.delays)
         )
+        if self.clocked:
+            late_y = np.zeros_like(late_y)
         if late_y.any() or late_u.any():
             C_slopes = C_slopes - late_y[:, :, None] * (C @ matrices.A)
             none = np.zeros((1, *D.shape[1:]))
@@ -155,7 +213,7 @@ class Instruments:
 def with_spreads(
     parameters: Sequence[Parameter], instruments: Instruments, step: float, sizes: Array
 ) -> tuple[Parameter, ...]:
-    """Return parameters with the spread of first guesses of offsets and delays, where nothing else gives it.
+    """Return parameters with the spread of first guesses of offsets, delays and drifts that have none.
 
     `parameters`: the unknown parameters (p); `instruments`: those of a record. `step`: its sampling step, s;
     `sizes`: RMS of its channels (channels).
@@ -165,6 +223,8 @@ def with_spreads(
         (instruments.offsets, 2 * sizes),
         (instruments.delays, np.full(len(instruments.delays), 4 * step)),
         (instruments.load_delays, np.full(len(instruments.load_delays), 4 * step)),
+        # Four samples over the record.
+        (instruments.drifts, np.array([4 / clock.samples if clock else 0.0 for clock in instruments.clocks])),
     ]
     spreads = np.zeros(len(parameters))
     for numbers, span in spans:

@@ -8,6 +8,7 @@ propagated exactly, with the signals' generators joined to it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -40,6 +41,8 @@ Rebuild: TypeAlias = Callable[[Mapping[str, float]], StructuralModel]
 # Most numbers that the sensitivities of a record may take, with the copies that their factorisation makes.
 _MAX_SENSITIVITY_NUMBERS = 250_000_000
 _COPIES = 4
+# Part of a step, or of a record, by which an instant may lie beyond a node: round-off.
+_NODE_TOL = 1e-9
 # Relative jumps of an input below this are rounding.
 _INPUT_JUMP_TOL = 1e-9
 
@@ -93,7 +96,7 @@ class ParametricModel:
     affine: Affine | None
     acting: NDArray[np.bool_]  # mask of the loads that act (loads)
     instruments: Instruments  # gains, offsets and delays
-    # Times at which delayed channels record; None where no channel is delayed.
+    # Times at which delayed channels record; None where no channel is delayed, or has its own clock.
     sampling: RecordSampling | None = None
     # Returns the system and the instruments with these, and with known masses and stiffnesses, among the
     # unknown parameters; None where there are none.
@@ -225,17 +228,35 @@ class ParametricModel:
         return values if self.sampling is None else np.asarray(values[self.sampling.own])
 
     def moved(self, eta: Array) -> ParametricModel:
-        """Return the model on the timeline of the delays at these coordinates."""
-        if not self.instruments.unknown_delays:
+        """Return the model on the timeline of the delays and clocks at these coordinates."""
+        if not (self.instruments.unknown_delays or self.instruments.clocked):
             return self
         at = named(self.unknowns, eta)
+        if self.instruments.clocked and self._holds_instants(at):
+            return self
         delay_sets = (self.instruments.load_delays, self.instruments.delays)
         delays = [self.instruments.numbers(delays_of, at).value for delays_of in delay_sets]
+        delays.append(self.instruments.numbers(self.instruments.drifts, at).value)
         key = np.concatenate(delays).tobytes()
         if key not in self._moved:
             self._moved.clear()
             self._moved[key] = self._on(*_timeline(self.system, self.instruments, self.times, at))
         return self._moved[key]
+
+    def _holds_instants(self, at: Mapping[str, float]) -> bool:
+        """Return True if the timeline has all instants of the channels, and no load moves on it."""
+        if any(isinstance(delay, Dependent) for delay in self.instruments.load_delays):
+            return False
+        instants, nodes = self.instruments.instants(self.times, at).value, self.line.nodes
+        rounding = _NODE_TOL * float(nodes[-1] - nodes[0])
+        return bool(nodes[0] - rounding <= instants.min() and instants.max() <= nodes[-1])
+
+    def at_record_clock(self) -> ParametricModel:
+        """Return the model whose channels all have the clock of the record."""
+        at = {unknown.name: unknown.start for unknown in self.unknowns}
+        instruments = self.instruments.synchronous()
+        moved = self._on(*_timeline(self.system, instruments, self.times, at))
+        return replace(moved, instruments=instruments)
 
     def at_times(self, times: Array) -> ParametricModel:
         """Return the model of other samples of the record, at these times, s."""
@@ -357,7 +378,7 @@ def model_of_system(
     initials, prescribed = system.prescribed(float(line.nodes[0]))
     if prescribed.any() and any(load.delay for load in loads):
         raise UsageError("a prescribed motion cannot be delayed", names=("excitation",))
-    in_blocks = compiled() and sampling is None and not instruments.unknown_delays
+    in_blocks = compiled() and sampling is None and not instruments.unknown_delays  # nor own clocks
     if in_blocks:  # sensitivities are held in blocks of samples, or of channels
         _check_numbers(len(line.nodes) * len(d) + _COPIES * len(channels) * len(times))
     else:
@@ -448,15 +469,19 @@ def _timeline(
 ) -> tuple[Timeline, RecordSampling | None]:
     """Return the timeline of signals and channels that are delayed as at values of the parameters."""
     # Samples of signals are `longer` times as far from the first time, and apart, as they say.
-    sampling = RecordSampling.of(times, instruments.numbers(instruments.delays, values).value)
-    evaluated_times = times if sampling is None else sampling.times
+    clocked, sampling = instruments.clocked, None
+    if clocked:
+        evaluated_times = _around(times, instruments.instants(times, values).value)
+    else:
+        sampling = RecordSampling.of(times, instruments.numbers(instruments.delays, values).value)
+        evaluated_times = times if sampling is None else sampling.times
     system_signals = (
         system.signals
         if longer == 1
         else [_spread(signal, longer, float(times[0])) for signal in system.signals]
     )
     signals = instruments.acting(system_signals, values)
-    if sampling is not None:
+    if sampling is not None or clocked:
         # A search of delays passes through values at which samples lie outside of a signal's: it keeps its
         # first and last sample before and after them.
         first, last = evaluated_times[[0, -1]]
@@ -466,7 +491,20 @@ def _timeline(
             else signal
             for signal in signals
         ]
-    return timeline(signals, evaluated_times, float(evaluated_times[0])), sampling
+    line = timeline(signals, evaluated_times, float(evaluated_times[0]))
+    if clocked:  # every node is wanted: channels are read out between them
+        line = replace(line, wanted=np.arange(len(line.nodes)))
+        sampling = RecordSampling.at_nodes(line.nodes, times, len(instruments.clocks))
+    return line, sampling
+
+
+def _around(times: Array, instants: Array) -> Array:
+    """Return the times of a record, continued at its step beyond all instants, and at least once more."""
+    step = float(times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1.0
+    before = math.ceil((times[0] - instants.min()) / step - _NODE_TOL)
+    after = math.ceil((instants.max() - times[-1]) / step) + 1
+    earlier, later = step * np.arange(before, 0, -1), step * np.arange(1, max(after, 1) + 1)
+    return np.concatenate([times[0] - earlier, times, times[-1] + later])
 
 
 def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> LinearSystem:
@@ -479,6 +517,16 @@ def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> Li
     else:
         system = model.system(loads, channels)
     system.considered = tuple(parameter for parameter in model.parameters if parameter.std is not None)
+    if (
+        isinstance(model, StructuralModel)
+        and model.nonlinear
+        and any(getattr(channel, "clock", None) for channel in channels)
+    ):
+        raise UsageError(
+            "a channel has a clock of its own, and a joint has nonlinear laws: their records have one clock",
+            remedy="Resample the channel to the record's step and leave out its 'clock', or the laws.",
+            names=("measurement.channels",),
+        )
     if any(getattr(channel, "filters", ()) for channel in channels):
         from dynid.identification.systems.filtered_system import FilteredSystem, filters_of, not_nonlinear
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.identification.systems.parametric_model import ParametricModel, Transition
+from dynid.identification.systems.readout import Readout
 from dynid.lti.recurrence import free_response, recurrence
 from dynid.native import compiled
 
@@ -35,6 +36,7 @@ class Free(NamedTuple):
 
     forced: Array
     by_state: Array
+    readout: Readout  # the rows that both are read out from
 
 
 class Trajectory(NamedTuple):
@@ -73,18 +75,17 @@ def free_prediction(model: ParametricModel, eta: Array, channels: slice = ALL_CH
     `eta`: coordinates of the parameters (p).
     """
     model = model.moved(eta)
-    line, n = model.line, model.states
+    line, n, readout = model.line, model.states, Readout.of(model, eta, channels)
     if kernels_used(model):
         from dynid.identification.systems import kernels
 
         at = kernels.steps_at(model, eta)
-        C, direct = model.output(eta)[0][channels], model.direct(eta, channels).value
-        outputs, by_state = kernels.free(model, at, C, direct)
-        return Free(model.gathered(outputs), model.gathered(by_state)), at
+        outputs, by_state = kernels.free(model, at, readout.C, readout.direct.value)
+        return Free(readout.gathered(outputs), readout.gathered(by_state), readout), at
     transitions = [model.transition(eta, h) for h in line.lengths]
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     forced = np.zeros((len(line.nodes), n))
-    C, state = model.output(eta)[0][channels], np.eye(n)
+    C, state = readout.C, np.eye(n)
     sample_of = line.sample_of()
     # Of the response to the state only that of the channels is kept: all of it would be n times as large.
     by_state = np.empty((len(line.wanted), len(C), n))
@@ -96,8 +97,8 @@ def free_prediction(model: ParametricModel, eta: Array, channels: slice = ALL_CH
         by_nodes, state = free_response(Phi, state, C, last - first)
         here = sample_of[after]
         by_state[here[here >= 0]] = by_nodes[here >= 0]
-    outputs = forced[line.wanted] @ C.T + model.direct(eta, channels).value
-    return Free(model.gathered(outputs), model.gathered(by_state)), transitions
+    outputs = forced[line.wanted] @ C.T + readout.direct.value
+    return Free(readout.gathered(outputs), readout.gathered(by_state), readout), transitions
 
 
 def prediction(
@@ -106,25 +107,23 @@ def prediction(
     x0: Array,
     free: Free,
     steps: Steps,
-    channels: slice = ALL_CHANNELS,
 ) -> Prediction:
     """Return the prediction from `x0` with its sensitivities to the parameters' coordinates.
 
     `model`, `eta`: model and parameters' coordinates (p); `x0`: initial state (n), scaled. `free`, `steps`:
-    the result of `free_prediction` for the same parameters and channels.
+    the result of `free_prediction` for the same parameters; the channels are those of it.
     """
-    model = model.moved(eta)
+    model, readout = model.moved(eta), free.readout
     n, p = model.states, model.parameters
-    (C, C_slopes), direct = model.output(eta), model.direct(eta, channels)
-    C, C_slopes = C[channels], C_slopes[:, channels]
+    C, C_slopes, direct = readout.C, readout.C_slopes, readout.direct
     if not isinstance(steps, list):
         from dynid.identification.systems import kernels
 
         outputs, by_time, by_parameter = kernels.sensitive(model, steps, C, C_slopes, direct.value, x0)
         if direct.slopes is not None:
             by_parameter += np.moveaxis(direct.slopes, 0, -1)
-        gathered = model.gathered(outputs), model.own(by_time), model.gathered(by_parameter)
-        return Prediction(*gathered, free.by_state)
+        slopes = readout.by_parameter(by_parameter, outputs)
+        return Prediction(readout.gathered(outputs), model.own(by_time), slopes, free.by_state)
     trajectory = np.empty((len(model.line.wanted), n))
     moved = np.empty((len(trajectory), len(C), p))
     for samples, states, by_parameter in sensitive_runs(model, eta, x0, steps, C):
@@ -134,8 +133,9 @@ def prediction(
             moved[..., j] += trajectory @ C_slope.T
     if direct.slopes is not None:
         moved += np.moveaxis(direct.slopes, 0, -1)
-    outputs = model.gathered(trajectory @ C.T + direct.value)
-    return Prediction(outputs, model.own(trajectory), model.gathered(moved), free.by_state)
+    outputs = trajectory @ C.T + direct.value
+    slopes = readout.by_parameter(moved, outputs)
+    return Prediction(readout.gathered(outputs), model.own(trajectory), slopes, free.by_state)
 
 
 def sensitive_runs(

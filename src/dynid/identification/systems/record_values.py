@@ -71,7 +71,7 @@ def simulated(
     source = measurement.source if isinstance(measurement.source, Simulation) else Simulation()
     times, channels, truth = measurement.record.times, measurement.channels, true_values(model.unknowns)
     instruments = Instruments.of(tuple(truth), loads, channels)
-    if instruments.ideal:
+    if instruments.ideal and not instruments.clocked:
         return _ideally_simulated(model, loads, channels, times, source)
     gains, delays = (
         instruments.numbers(numbers, truth).value.tolist()
@@ -81,20 +81,29 @@ def simulated(
         load._replace(signal=Shifted(load.signal, delay, gain), gain=1.0, delay=0.0)
         for load, delay, gain in zip(loads, delays, gains, strict=True)
     ]
-    gain, offset, late = (
-        instruments.numbers(numbers, truth).value
-        for numbers in (instruments.gains, instruments.offsets, instruments.delays)
+    gain, offset = (
+        instruments.numbers(numbers, truth).value for numbers in (instruments.gains, instruments.offsets)
     )
-    bare = [channel._replace(gain=1.0, offset=0.0, delay=0.0) for channel in channels]
+    instants = instruments.instants(times, truth).value
+    bare = [_at_record_clock(channel)._replace(gain=1.0, offset=0.0, delay=0.0) for channel in channels]
     response = _ideally_simulated(model, acting, bare, times, source)
     outputs = response.outputs.copy()
-    for delay in np.unique(late[late != 0]).tolist():
-        moving = times - delay >= 0
-        outputs[:, late == delay] = 0.0
+    for own in np.unique(instants, axis=1).T:
+        if np.array_equal(own, times):
+            continue
+        channel, moving = np.all(instants == own[:, None], axis=0), own >= 0
+        outputs[:, channel] = 0.0
         if moving.any():
-            earlier = _ideally_simulated(model, acting, bare, times[moving] - delay, source)
-            outputs[np.ix_(moving, late == delay)] = earlier.outputs[:, late == delay]
-    return response._replace(outputs=gain * outputs + offset)
+            at, rows = np.unique(own[moving], return_inverse=True)
+            of_clock = _ideally_simulated(model, acting, bare, at, source).outputs[rows]
+            outputs[np.ix_(moving, channel)] = of_clock[:, channel]
+    recorded = np.where(instruments.present(len(times)), gain * outputs + offset, np.nan)
+    return response._replace(outputs=recorded)
+
+
+def _at_record_clock(channel: Any) -> Any:
+    """Return a channel with the clock of the record."""
+    return channel if getattr(channel, "clock", None) is None else channel._replace(clock=None)
 
 
 def _ideally_simulated(
@@ -142,6 +151,7 @@ def true_states(
     """
     if not isinstance(measurement.source, Simulation):
         return None
+    measurement = replace(measurement, channels=tuple(map(_at_record_clock, measurement.channels)))
     states = simulated(truth, loads, measurement).states
     filters = sum(item.order for channel in measurement.channels for item in getattr(channel, "filters", ()))
     states, of_filters = states[:, : states.shape[1] - filters], states[:, states.shape[1] - filters :]

@@ -268,6 +268,8 @@ def _record_summary(result: Result) -> str:
     measured = [result[f"{path}/measured"].data for path in groups]
     lists = list(dict.fromkeys(", ".join(result[f"{path}/channel"].data) for path in groups))
     missing = sum(int(np.isnan(values).sum()) for values in measured)
+    times = [result[path].data for name in groups if (path := f"{name}/channel_time") in result]
+    missing -= sum(int(np.isnan(values).sum()) for values in times)  # shorter channels
     gaps = f", {missing} missing" if missing else ""
     paths = [path for name in groups if (path := f"{name}/samples_left_out") in result]
     left_out = sum(int(result.value(path)) for path in paths)

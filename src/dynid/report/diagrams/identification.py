@@ -247,12 +247,18 @@ def _drawn_channels(result: Result, misfit: Array) -> tuple[list[int], str]:
     return places[:CHANNELS].tolist(), more
 
 
+def _channel_times(result: Result, group: str) -> Array | None:
+    """Return the times of the samples of each channel (times x channels), s; None of one clock."""
+    return result[f"{group}/channel_time"].data if f"{group}/channel_time" in result else None
+
+
 def _over_time(result: Result, group: str) -> Chart:
     time, channels = result[f"{group}/time"].data, _channels(result, group)
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
     units = texts(result, f"{group}/unit") or [result[f"{group}/measured"].units] * len(channels)
-    columns = {"time (s)": time}
+    columns, own = {"time (s)": time}, _channel_times(result, group)
     for column, channel in enumerate(channels):
+        columns |= {} if own is None else {f"time of {channel} (s)": own[:, column]}
         columns |= {
             f"measured {channel}": measured[:, column],
             f"predicted {channel}": predicted[:, column],
@@ -262,6 +268,9 @@ def _over_time(result: Result, group: str) -> Chart:
     subplots = []
     for column in drawn:
         data, model = measured[:, column], predicted[:, column]
+        if own is not None:
+            there = ~np.isnan(own[:, column])
+            time, data, model = own[there, column], data[there], model[there]
         record, residual = (
             Curve(time, data, "measured", "s7"),
             Curve(time, data - model, "measured − predicted", "s1 fine"),
@@ -290,10 +299,14 @@ def _spectra(result: Result, group: str) -> Chart:
     time, channels = result[f"{record}/time"].data, texts(result, f"{record}/channel")
     measured, predicted = result[f"{record}/measured"].data, result[f"{record}/predicted"].data
     at, step = frequencies(result, f"{group}/omega"), float(time[-1] - time[0]) / (len(time) - 1)
+    own, steps = _channel_times(result, record), None
+    if own is not None:
+        steps = np.nanmedian(np.diff(own, axis=0), axis=0)
+        steps = np.where(np.abs(steps - step) < 1e-9 * step, step, steps)
     of_units = texts(result, f"{group}/unit") or [result[f"{group}/amplitude"].units] * len(channels)
     lines = {
-        "measured": (spectrum(measured, step)[1], "s7"),
-        "predicted": (spectrum(predicted, step)[1], "s2 fine dash"),
+        "measured": (spectrum(measured, step, steps)[1], "s7"),
+        "predicted": (spectrum(predicted, step, steps)[1], "s2 fine dash"),
         "measured − predicted": (result[f"{group}/amplitude"].data, "s1 fine"),
     }
     drawn, more = _drawn_channels(result, _misfit(measured, predicted))

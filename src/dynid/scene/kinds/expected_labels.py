@@ -282,6 +282,7 @@ def _axis_of_record(scene: Scene[IdentificationScene], parts: Parts, dim: str) -
     measurement: Measurement = record[1]
     delays = (delay for key, delay in quantities(scene.model) if key == "delay")
     delayed = any(float(delay) or delay.dependent for delay in delays)  # they may shorten records
+    delayed &= not any(getattr(channel, "clock", None) for channel in measurement.channels)  # those do not
     if dim == "omega":
         return None if delayed else spectral_lines(measurement.samples, measurement.step)
     stored = parts[1] in _HISTORIES and not delayed

@@ -27,7 +27,7 @@ from dynid.scene.schema.base import Dof
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.signals import FileSignal, SignalPart
 from dynid.structure.model import StructuralModel
-from dynid.structure.ports import Channel, Load
+from dynid.structure.ports import Channel, ChannelClock, Load
 from dynid.suggestions import shortened
 from dynid.units import angular_factor
 
@@ -45,8 +45,10 @@ if TYPE_CHECKING:
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.measurement import (
         ChannelModel,
+        ClockModel,
         FrfModel,
         FurtherFileModel,
+        MeasuredChannelModel,
         MeasuredFileModel,
         MeasurementModel,
         RecordModel,
@@ -82,7 +84,8 @@ def experiments(
         where, parts = (
             ("excitation", excitation) if record.excitation is None else (shared, record.excitation)
         )
-        loads = loads_of(scene, where, parts, measurement.record, model, starts)
+        lasting = replace(measurement.record, samples=record.samples or 0)
+        loads = loads_of(scene, where, parts, lasting, model, starts)
         experiment = Experiment(loads, measurement)
         try:
             steps: list[Preparation] = []
@@ -112,7 +115,9 @@ def _measurement(
     from dynid.scene.schema.measurement import NoiseModel
 
     channel_models, step, samples = record.channels or (), number(record.step), record.samples or 0
-    channels = tuple(channel_of(channel, model) for channel in channel_models)
+    channels = tuple(
+        _with_clock(channel_of(channel, model), channel.clock, record) for channel in channel_models
+    )
     _check_different(channels, f"{record_path}.channels", model)
     at = _path_of_key(scene, record_path, "channels")
     headings: list[Heading | None] = [None] * len(channels)
@@ -142,7 +147,7 @@ def _measurement(
         if not any(channel.output for channel in record.channels or ()):
             source = replace(source, **initial_motion(scene.model, model))  # type: ignore[arg-type]
     else:
-        source = table.values[:samples] * factors
+        source = table.values * factors
         read = {"notes": (table.note,) if table.note else ()}
         if table.clock is not None:
             read = {"clock": table.clock.summary, "notes": (*read["notes"], *table.clock.warnings())}
@@ -152,11 +157,24 @@ def _measurement(
         noise = ColouredNoise(order if isinstance(order, int) else None, record.noise.correlated)
     else:
         noise = products(factors, levels(record.noise))
-    return Measurement(step, samples, channels, source, noise, **read), starts
+    longest = max([samples, *(channel.clock.samples for channel in channels if channel.clock)])
+    if longest > samples:
+        plain = ChannelClock(step, samples)
+        channels = tuple(channel._replace(clock=channel.clock or plain) for channel in channels)
+    return Measurement(step, longest, channels, source, noise, **read), starts
+
+
+def _with_clock(channel: Any, clock: ClockModel | None, record: RecordModel) -> Any:
+    """Return a channel of a record with its own clock, if it has one."""
+    if clock is None:
+        return channel
+    step, samples = number(clock.step or record.step), clock.samples or record.samples or 0
+    drift = 0.0 if clock.drift is None else clock.drift.real
+    return channel._replace(clock=ChannelClock(step, samples, number(clock.start), drift))
 
 
 def _samples(scene: Scene, record: RecordModel, where: str) -> MeasuredColumns:
-    """Return the columns of a record's files, one for each channel."""
+    """Return the columns of a record's files, one for each channel; NaN after the last sample of each."""
     from dynid.files.read_measured import check_starts, read_columns
 
     assert record.file is not None
@@ -165,19 +183,28 @@ def _samples(scene: Scene, record: RecordModel, where: str) -> MeasuredColumns:
     beside = {f"{where}.beside.{k}": file for k, file in enumerate(record.file.beside)}
     places: dict[str, MeasuredFileModel | FurtherFileModel] = {where: record.file, **beside}
     tables: list[MeasuredColumns] = []
+    first: float | None = None
+    lasting = samples
     for place, file in places.items():
-        path = scene.folder / (file.path or "")
+        path, read = scene.folder / (file.path or ""), sum(table.values.shape[1] for table in tables)
+        stated = channels[min(read, len(channels) - 1)].clock
+        clock = _with_clock(Channel(0, ""), stated, record).clock
+        rows, own = (samples, step) if clock is None else (clock.samples, clock.step)
         table = read_columns(
-            path, file.columns, step=step, scene_key=place, layout=layout_of(file), rows=samples or None
+            path, file.columns, step=own, scene_key=place, layout=layout_of(file), rows=rows or None
         )
-        if len(table.values) < samples:
+        if len(table.values) < rows:
             raise FileError(
-                f"{path} has {len(table.values)} samples, but the scene asks for {samples}",
+                f"{path} has {len(table.values)} samples, but the scene asks for {rows}",
                 remedy="Ask for no more samples than there are.",
                 names=(f"{place}.path",),
             )
-        check_starts(path, table.start, (tables or [table])[0].start, step, place)
-        tables.append(table)
+        _check_clocks(path, place, channels[read : read + table.values.shape[1]])
+        if stated is None or stated.start is None:  # else the file has times of its own
+            check_starts(path, table.start, first, own, place)
+            first = table.start if first is None else first
+        lasting = max(lasting, rows)
+        tables.append(table._replace(values=table.values[:rows]))
     count = sum(table.values.shape[1] for table in tables)
     if count != len(channels):
         path = scene.folder / (record.file.path or "")
@@ -189,13 +216,28 @@ def _samples(scene: Scene, record: RecordModel, where: str) -> MeasuredColumns:
         )
     if len(tables) == 1:
         return tables[0]
+    filled = [np.full((lasting, table.values.shape[1]), np.nan) for table in tables]
+    for values, table in zip(filled, tables, strict=True):
+        values[: len(table.values)] = table.values
     notes = [table.note for table in tables if table.note]
     notes += [text for table in tables[1:] if table.clock is not None for text in table.clock.warnings()]
     return tables[0]._replace(
-        values=np.hstack([table.values[:samples] for table in tables]),
+        values=np.hstack(filled),
         headings=[heading for table in tables for heading in table.headings],
         note="; ".join(notes),
     )
+
+
+def _check_clocks(path: Path, place: str, channels: Sequence[MeasuredChannelModel]) -> None:
+    """Refuse columns of one file of which some have another clock."""
+    clocks = [channel.clock and channel.clock.model_copy(update={"drift": None}) for channel in channels]
+    if any(clock != clocks[0] for clock in clocks):
+        raise FileError(
+            f"{path}: its columns have different clocks",
+            remedy="Name the file once for each clock: file: {path: …, columns: […], beside: [{path: …, "
+            "columns: […]}]}.",
+            names=(f"{place}.columns", f"{place}.path"),
+        )
 
 
 def initial_motion(model: IdentificationScene, structure: Tested = None) -> dict[str, dict[Dof, float]]:

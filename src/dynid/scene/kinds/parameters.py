@@ -26,8 +26,8 @@ M = TypeVar("M", bound="SceneModel")
 def unknown_parameters(model: SceneModel) -> tuple[Parameter, ...]:
     """Return the unknown parameters of a scene in its order; those of joints are not among them.
 
-    One without a `scale` is linear where an offset or a delay depends on it, else logarithmic. Raises
-    `UsageError` if a number does not fit the scale; it names the parameter.
+    One without a `scale` is linear where an offset, a delay or a drift depends on it, else logarithmic.
+    Raises `UsageError` if a number does not fit the scale; it names the parameter.
     """
     from dynid.parameters import Parameter  # loads NumPy
 
@@ -97,7 +97,7 @@ def all_parameters(model: SceneModel) -> tuple[Parameter, ...]:
 
 
 #: Keys of quantities that may have any sign, and so have no logarithm.
-_SIGNED = ("offset", "delay")
+_SIGNED = ("offset", "delay", "drift")
 
 
 def quantities(section: Any, key: str = "") -> Iterator[tuple[str, Quantity]]:

@@ -184,11 +184,11 @@ LAYOUT: dict[str, str] = {
         "force_deviation measured_deflection measured_force measured_deviation law regime"
     ),
     "identification/held_out": "channel residual_rms residual_ratio unit",
-    "identification/held_out/<record>": "time channel measured predicted unit",
+    "identification/held_out/<record>": "time channel channel_time measured predicted unit",
     "identification/measurement": (
         "time omega channel unit measured predicted residual coherence noise given_noise deviation frac "
         "frac_start excitation input_unit input prepared start samples_left_out clock_step clock_drift "
-        "clock_jitter clock_dropped clock_duplicated"
+        "clock_jitter clock_dropped clock_duplicated channel_time"
     ),
     "identification/modes": (
         "mode quantity frequency_measured frequency_std frequency_leverage frequency_studentised "

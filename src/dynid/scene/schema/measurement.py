@@ -119,6 +119,8 @@ class FilterModel(Section):
     unit: Literal["rad/s", "Hz"] = "rad/s"
 
 
+#: Largest drift of a clock.
+_MAX_DRIFT = 0.1
 _DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 
@@ -130,18 +132,41 @@ class IntegratorModel(Section):
     unit: Literal["rad/s", "Hz"] = "rad/s"
 
 
+class ClockModel(Section):
+    """Clock of a channel of its own: sample j is at start + j · step · (1 + drift) from the record's first.
+
+    `step` and `samples` are by default those of the record.
+    """
+
+    step: Positive | None = None
+    start: Value | None = None
+    samples: int | None = Field(default=None, ge=2, le=100_000_000, strict=True)
+    drift: Uncertain | None = None
+
+    @model_validator(mode="after")
+    def _goes_on(self) -> Self:
+        if not self.model_fields_set:
+            raise fault("a 'clock' states how it differs from the record's: step, start, samples or drift")
+        if self.drift is not None and not abs(float(self.drift)) <= _MAX_DRIFT:
+            raise fault(
+                f"a 'drift' is a part of the step, at most {_MAX_DRIFT:g}: another rate is another 'step'"
+            )
+        return self
+
+
 class MeasuredChannelModel(ChannelModel):
     """One sensor of a record, or of a frequency response with its `reference`.
 
     Recorded is gain · (model at t − delay, behind its filters) + offset, in `unit`, by default that of the
-    column's heading, else the SI unit. With a `sensitivity` the recorded signal of the sensor, such as a
-    voltage, has this unit.
+    column's heading, else the SI unit; t is the time of its `clock`, by default of the record. With a
+    `sensitivity` the recorded signal of the sensor, such as a voltage, has this unit.
     """
 
     reference: ReferenceModel | None = None
     gain: Uncertain | None = None
     offset: Uncertain | None = None
     delay: Uncertain | None = None
+    clock: ClockModel | None = None
     high_pass: FilterModel | None = None
     low_pass: FilterModel | None = None
     integrator: IntegratorModel | None = None
@@ -155,8 +180,9 @@ class MeasuredChannelModel(ChannelModel):
             raise fault("the 'gain' is 0, and the channel would show nothing")
         if self.mass is not None and (self.dof is None or self.output is not None):
             raise fault("the 'mass' of a sensor is at the one 'dof' that it measures")
-        if self.reference is not None and self.offset is not None:
-            raise fault("a frequency response has no 'offset'")
+        for key in ("offset", "clock"):
+            if self.reference is not None and getattr(self, key) is not None:
+                raise fault(f"a frequency response has no '{key}'")
         if self.integrator is not None and self.integrator.order > _DERIVATIVES.get(self.quantity or "", 2):
             raise fault(
                 f"an 'integrator' of order {self.integrator.order} behind a {self.quantity}: state the "
@@ -452,6 +478,19 @@ class RecordModel(Section):
                 raise fault(f"'columns' names {named}, but 'channels' has {channels}")
         self._check_levels(self.simulate)
         self._check_noise(of)
+        if any(channel.clock is not None for channel in self.channels or ()):
+            self._check_clocks(of)
+
+    def _check_clocks(self, of: str) -> None:
+        """Refuse what goes with one clock of all channels only."""
+        if isinstance(self.noise, NoiseModel) and self.noise.correlated:
+            raise fault(f"noise is not 'correlated' between channels of different clocks, as {of} has them")
+        filters = ("band_pass", "decimate")
+        steps = {key for step in self.prepare or () for key in filters if getattr(step, key)}
+        if steps:
+            named = " and ".join(f"'{key}'" for key in sorted(steps))
+            verb = "filter" + "s" * (len(steps) == 1)
+            raise fault(f"{named} {verb} all channels of {of} alike, and one has a 'clock' of its own")
 
     def _check_noise(self, of: str) -> None:
         """Refuse noise models that a record of time does not have, or has too few samples for."""

@@ -96,6 +96,9 @@ class ModalAnalysisScene(SceneModel):
         for path, channel in sections(self, ChannelModel):
             if channel.output is not None:
                 yield (*path, "output", AT_KEY), "a shape is of DOFs; write 'dof' and 'quantity'"
+            if getattr(channel, "clock", None) is not None:
+                said = "channels of a modal analysis have one clock; leave it out, and resample the channel"
+                yield (*path, "clock", AT_KEY), said
             if channel.dofs is not None:
                 yield (*path, "dofs", AT_KEY), "a shape has one DOF a channel; write 'dof'"
 
