@@ -250,6 +250,7 @@ def test_steady_states_are_requested_in_a_scene(tmp_path):
         (("stop: 6", "stop: 4"), "'start' and 'stop' are the same frequency"),
         (("dof: 1, amplitude", "dof: 3, amplitude"), "no DOF 3|there is no DOF"),
         (("amplitude: 1,", "amplitude: 0,"), "0 is not positive"),
+        (("laws: [{kind: cubic, k3: 1.0e5}]", "k: 10"), "no joint has nonlinear 'laws'"),
     ],
 )
 def test_steady_states_that_make_no_sense_are_refused(tmp_path, change, message):

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eigh, expm
 from scipy.special import ellipk
 
-from dynid.errors import NumericalError, UsageError
+from dynid.errors import UsageError
 from dynid.lti.signals import Multisine
 from dynid.structure.assembly import Support
 from dynid.structure.damping import ProportionalDamping
@@ -320,10 +320,30 @@ def test_dampers_that_couple_modes_change_the_backbone_little():
     assert damping[0] == pytest.approx(-pole.real / abs(pole), rel=3e-2)
 
 
+def test_a_curve_that_ends_early_keeps_its_states_and_says_so():
+    model = masses(Cubic(), 4e5)
+    result = harmonic_balance(model, 1, 2.0, 28.0, 55.0, points=4, stability=False)
+    about = result.group_attrs[GROUP]
+    assert len(curve(result)[0]) == 4
+    assert not about["complete"]
+    assert "the curve ends at" in about["note"]
+    assert "not left its interval after 4 points" in about["note"]
+
+
+def test_a_finer_curve_is_accurate_between_its_points():
+    model = masses(Cubic(), 4e5)
+
+    def interpolated(step):
+        result = harmonic_balance(model, 1, 0.3, 24.0, 30.0, stability=False, backbone=False, max_step=step)
+        omega, amplitude = curve(result)[:2]
+        return np.interp(np.linspace(24.0, 30.0, 400), omega, amplitude)
+
+    coarse, fine, finest = map(interpolated, (0.1, 0.02, 0.005))
+    assert np.abs(fine - finest).max() < 0.1 * np.abs(coarse - finest).max()
+
+
 def test_refusals():
     model = masses(Cubic(), 4e5)
-    with pytest.raises(NumericalError, match="not left its interval after 4 points"):
-        harmonic_balance(model, 1, 5.0, 25.0, 50.0, points=4)
     massless = lumped([1.0, 0.0], [Link((1,), 1000.0), Link((1, 2), 500.0)]).joined(model.joints)
     with pytest.raises(UsageError, match="needs mass everywhere"):
         harmonic_balance(massless, 1, 5.0, 25.0, 50.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -173,6 +174,9 @@ def steady_sections(result: Result) -> Iterator[ReportSection]:
     if f"{STEADY}/stable" in result:
         unstable = int(np.count_nonzero(~result[f"{STEADY}/stable"].data))
         rows[-1] += f", {counted(unstable, 'unstable state')}"
+        kinds = Counter(name for name in result[f"{STEADY}/instability"].data.tolist() if name)
+        if kinds and set(kinds) != {"fold"}:
+            rows[-1] += f" ({', '.join(f'{name}: {count}' for name, count in kinds.items())})"
     if f"{BACKBONE}/omega" in result and len(result[f"{BACKBONE}/omega"].data):
         mode, ratio = result[f"{BACKBONE}/omega"].data, 100 * result[f"{BACKBONE}/damping"].data
         size, number = result[f"{BACKBONE}/amplitude"].data, result.group_attrs[BACKBONE]["mode"]

@@ -412,6 +412,7 @@ def steady_states(
             output=asked.output,
             harmonics=asked.harmonics,
             points=asked.points,
+            max_step=asked.max_step,
             stability=asked.stability,
             backbone=asked.backbone,
         )

@@ -246,7 +246,8 @@ LAYOUT: dict[str, str] = {
         "time joint law deflection rate force work regime events steps change energy_residual note"
     ),
     "response/harmonic_balance": (
-        "point omega amplitude phase harmonic response stable multiplier force folds dof output note"
+        "point omega amplitude phase harmonic response stable multiplier instability "
+        "force folds dof output complete note"
     ),
     "response/backbone": "point amplitude omega damping mode note",
     "structure/geometry": (

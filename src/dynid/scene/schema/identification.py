@@ -167,6 +167,7 @@ class HarmonicBalanceModel(Section):
     output: SignedDof | None = None
     harmonics: int = Field(default=101, ge=1, le=1000, strict=True)
     points: int = Field(default=1000, ge=2, le=100_000, strict=True)
+    max_step: float = Field(default=0.1, ge=1e-4, le=0.1)
     stability: bool = True
     backbone: bool = True
 
@@ -323,6 +324,15 @@ class IdentificationScene(ComposedScene):
             raise fault("the analysis needs its 'outputs'; there are no channels to take them from")
         if responses and responses.frequency and not (responses.inputs or self.excitation or frf):
             raise fault("the analysis needs its 'inputs'; there is no excitation to take them from")
+        return self
+
+    @model_validator(mode="after")
+    def _steady_states_fit(self) -> Self:
+        if self.responses is not None and not any(j.laws for _, j in sections(self.joints, JointModel)):
+            raise fault(
+                "no joint has nonlinear 'laws': the steady state under a sine is the frequency response; ask "
+                "for 'analysis: {frequency: …}'"
+            )
         return self
 
     @model_validator(mode="after")

@@ -17,7 +17,9 @@ from dynid.errors import NumericalError
 _STEP_TOL = 1e-5
 _MAX_ITERATIONS = 12
 # Scaled lengths of steps: a motion changes by these parts of its size.
-_FIRST_STEP, _MIN_STEP, _MAX_STEP = 0.02, 1e-7, 0.1
+_FIRST_STEP, _MIN_STEP = 0.02, 1e-7
+#: The largest one.
+MAX_STEP = 0.1
 # Cosine of the angle between tangents below which a step is taken again, half as long.
 _MIN_COSINE = 0.9
 # Length of a step below which its tangents may turn: a corner of the curve.
@@ -105,19 +107,26 @@ def solve_at(equations: Equations, u: Array) -> Point | None:
 
 
 def trace(
-    equations: Equations, first: Point, low: float, high: float, towards: float, points: int, longest: float
+    equations: Equations,
+    first: Point,
+    low: float,
+    high: float,
+    towards: float,
+    points: int,
+    longest: float,
+    max_step: float = MAX_STEP,
 ) -> Iterator[Array]:
     """Yield the solutions along a curve (N + 1) until its last unknown leaves an interval.
 
     `first`: the solution at one end of the interval; `towards`: the other end; `points`: their largest
-    number; `longest`: the largest change of the last unknown in a step, relative to it.
+    number; `longest`: the largest change of the last unknown in a step, relative to it; `max_step`: of any.
 
     Raises NumericalError if a step does not converge, or the curve has more points.
     """
     point = first
     yield point.u
     tangent = point.tangent * np.sign(point.tangent[-1] * (towards - point.u[-1]))
-    bend, step, count = np.zeros(len(tangent)), _FIRST_STEP, 1
+    bend, step, count = np.zeros(len(tangent)), min(_FIRST_STEP, max_step), 1
     while True:
         if count >= points:
             raise NumericalError(
@@ -155,6 +164,6 @@ def trace(
         point, tangent, count = new, along / np.linalg.norm(along), count + 1
         yield point.u
         if new.evaluations <= _FEW_EVALUATIONS:
-            step = min(1.5 * length, _MAX_STEP)
+            step = min(1.5 * length, max_step)
         elif new.evaluations >= _MANY_EVALUATIONS:
             step = 0.6 * length

@@ -38,7 +38,22 @@ class Stability(NamedTuple):
     @property
     def stable(self) -> bool:
         """True if no disturbance grows."""
-        return bool(np.abs(self.multipliers).max(initial=0.0) <= 1 + _MARGIN)
+        return not self.instability
+
+    @property
+    def instability(self) -> str:
+        """The bifurcation behind which a state is unstable, by its largest multiplier; empty if it is stable.
+
+        ``fold`` (or branching) where this is above 1, ``period doubling`` where it is below -1, and
+        ``Neimark-Sacker`` where it is complex: motion of two frequencies.
+        """
+        size = np.abs(self.multipliers)
+        if size.max(initial=0.0) <= 1 + _MARGIN:
+            return ""
+        largest = self.multipliers[size.argmax()]
+        if abs(largest.imag) > _MARGIN * size.max():
+            return "Neimark-Sacker"
+        return "fold" if largest.real > 0 else "period doubling"
 
 
 class FloquetAnalysis:

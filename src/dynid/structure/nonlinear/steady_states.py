@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from dynid.result import Result
 from dynid.structure.labels import Label, unsigned
 from dynid.structure.model import StructuralModel
 from dynid.structure.nonlinear.backbone import BackboneCurve
-from dynid.structure.nonlinear.continuation import solve_at, trace
+from dynid.structure.nonlinear.continuation import MAX_STEP, solve_at, trace
 from dynid.structure.nonlinear.cycle import basis, to_real
 from dynid.structure.nonlinear.floquet import FloquetAnalysis
 from dynid.structure.nonlinear.harmonic_balance import (
@@ -26,6 +27,8 @@ from dynid.structure.ports import Channel
 GROUP, BACKBONE = "response/harmonic_balance", "response/backbone"
 #: Points of a curve beyond which it is refused.
 MAX_POINTS = 1000
+# States below which a curve that cannot be followed is an error.
+_MIN_POINTS = 2
 # Largest part of the interval between two points.
 _LONGEST_STEP = 0.04
 # Largest change of the amplitude between two points of a backbone, relative to it.
@@ -44,6 +47,7 @@ def harmonic_balance(
     output: Label | None = None,
     harmonics: int = MAX_HARMONICS,
     points: int = MAX_POINTS,
+    max_step: float = MAX_STEP,
     stability: bool = True,
     backbone: bool = True,
 ) -> Result:
@@ -52,10 +56,11 @@ def harmonic_balance(
     `start`, `stop`: the frequencies, rad/s, from which to which the curve is followed, over its folds;
     `values`: unknown parameters by name; `output`: the DOF whose displacement is read; default: that of the
     force; `harmonics`: their largest number; as many are used as the forces of the laws need; `points`: their
-    largest number.
+    largest number; `max_step`: the largest change of the motion between two, relative to its size.
 
-    Raises UsageError if the structure has structural damping or massless DOFs, NumericalError if the curve
-    cannot be followed, or a march does not confirm a steady state.
+    Raises UsageError if the structure has structural damping or massless DOFs, NumericalError if the first
+    steady state cannot be found, or a march does not confirm it. A curve that cannot be followed to its end
+    has the states before, is not ``complete`` and says why.
 
     Returns
     -------
@@ -63,9 +68,9 @@ def harmonic_balance(
         ``response/harmonic_balance/{point, omega, amplitude, phase, harmonic, response}``: half of the peak
         to peak displacement, m; phase of its first harmonic to the force, rad; amplitudes of its harmonics
         (point x harmonic), those of ``Re sum response exp(i h omega t)``; with stability also ``{stable,
-        multiplier}``, the size of the largest Floquet multiplier; with `backbone` the mode that resonates at
-        the peak, down to the lowest amplitude of the curve: ``response/backbone/{point, amplitude, omega,
-        damping}``.
+        multiplier, instability}``, the size of the largest Floquet multiplier and what it says; with
+        `backbone` the mode that resonates at the peak, down to the lowest amplitude of the curve:
+        ``response/backbone/{point, amplitude, omega, damping}``.
     """
     structure = condensed(model, values or {}, (start + stop) / 2)
     if not len(structure.deflections):
@@ -75,29 +80,10 @@ def harmonic_balance(
         )
     load, row = (structure.shapes.T @ model.row(at) for at in (dof, dof if output is None else output))
     equations = ForcedResponse(structure, load, amplitude, harmonics)
-    first = equations.first(start)
-    low, high = min(start, stop), max(start, stop)
-    longest = max(_LONGEST_STEP * (high - low) / high, 1e-6)
     floquet = FloquetAnalysis(structure, load, amplitude) if stability else None
-    motions: list[ComplexArray] = []
-    multipliers: list[float] = []
-    stable: list[bool] = []
-    omegas: list[float] = []
-    left_out = 0.0
-    top = 0.0, first.u, np.zeros((0, 0), dtype=complex)  # amplitude of the first harmonic, unknowns, modes
-    for u in trace(equations, first, low, high, stop, points, longest):
-        omegas.append(float(u[-1]))
-        left_out = max(left_out, equations.left_out)
-        modal = equations.modal_motion(u)
-        motions.append(modal @ row)
-        if (size := float(np.abs(motions[-1][1]))) > top[0]:
-            top = size, u, modal
-        if floquet is not None:
-            hidden = [0.0 if state is None else state[0] for state in equations.memory.hidden]
-            verdict = floquet.stability(omegas[-1], modal, np.array(hidden))
-            multipliers.append(float(np.abs(verdict.multipliers).max(initial=0.0)))
-            stable.append(verdict.stable)
-    omega = np.array(omegas)
+    states = _Curve()
+    notes = states.follow(equations, floquet, row, (start, stop), points, max_step)
+    motions, omega = states.motions, np.array(states.omega)
     response = np.zeros((len(omega), max(map(len, motions))), dtype=complex)
     for out, motion in zip(response, motions, strict=True):
         out[: len(motion)] = motion
@@ -111,23 +97,65 @@ def harmonic_balance(
     result.add_axis(f"{GROUP}/harmonic", np.arange(response.shape[1]))
     result.add(f"{GROUP}/response", response, ("point", "harmonic"), unit)
     if floquet is not None:
-        result.add(f"{GROUP}/stable", stable, ("point",))
-        result.add(f"{GROUP}/multiplier", multipliers, ("point",))
+        result.add(f"{GROUP}/stable", [not name for name in states.instability], ("point",))
+        result.add(f"{GROUP}/multiplier", states.multiplier, ("point",))
+        result.add(f"{GROUP}/instability", states.instability, ("point",))
     folds = int(np.count_nonzero(np.diff(np.sign(np.diff(omega)))))
-    result.annotate(GROUP, force=amplitude, folds=folds, dof=str(dof), output=str(read))
-    notes, peak = [], int(np.abs(response[:, 1]).argmax())
-    if left_out > structure.tail:
+    result.annotate(GROUP, force=amplitude, folds=folds, dof=str(dof), output=str(read), complete=not notes)
+    peak = int(np.abs(response[:, 1]).argmax())
+    if states.left_out > structure.tail:
         notes += [
-            f"harmonics beyond {harmonics} would deflect a joint by {100 * left_out:.2g} % of its deflection"
-            "; allow more 'harmonics'"
+            f"harmonics beyond {harmonics} would deflect a joint by {100 * states.left_out:.2g} % of its "
+            "deflection; allow more 'harmonics'"
         ]
     if backbone and 0 < peak < len(motions) - 1:
-        _add_backbone(result, structure, row, top, harmonics, points)
+        _add_backbone(result, structure, row, states.top, harmonics, points)
     elif backbone:
         notes += ["the largest amplitude is at an end of the curve: no backbone; move 'start' or 'stop'"]
     if notes:
         result.annotate(GROUP, note="; ".join(notes))
     return result
+
+
+@dataclass
+class _Curve:
+    """Steady states along a curve: frequencies, motions of the output, and what Floquet's multipliers say.
+
+    `top`: amplitude of the largest first harmonic, with the unknowns and the motion of the modes there.
+    """
+
+    omega: list[float] = field(default_factory=list)
+    motions: list[ComplexArray] = field(default_factory=list)
+    multiplier: list[float] = field(default_factory=list)
+    instability: list[str] = field(default_factory=list)
+    left_out: float = 0.0
+    top: tuple[float, Array, ComplexArray] = (0.0, np.zeros(0), np.zeros((0, 0), dtype=complex))
+
+    def follow(
+        self, equations: ForcedResponse, floquet: FloquetAnalysis | None, row: Array,
+        ends: tuple[float, float], points: int, max_step: float,
+    ) -> list[str]:  # fmt: skip
+        """Follow the curve from one frequency to another; return why it ends before, if it does."""
+        first, low, high = equations.first(ends[0]), min(ends), max(ends)
+        longest = max(_LONGEST_STEP * (high - low) / high, 1e-6)
+        try:
+            for u in trace(equations, first, low, high, ends[1], points, longest, max_step):
+                self.left_out = max(self.left_out, equations.left_out)
+                modal = equations.modal_motion(u)
+                if floquet is not None:
+                    hidden = [0.0 if state is None else state[0] for state in equations.memory.hidden]
+                    verdict = floquet.stability(float(u[-1]), modal, np.array(hidden))
+                    self.multiplier.append(float(np.abs(verdict.multipliers).max(initial=0.0)))
+                    self.instability.append(verdict.instability)
+                self.omega.append(float(u[-1]))
+                self.motions.append(modal @ row)
+                if (size := float(np.abs(self.motions[-1][1]))) > self.top[0]:
+                    self.top = size, u, modal
+        except NumericalError as error:
+            if len(self.omega) < _MIN_POINTS:
+                raise
+            return [f"the curve ends at {self.omega[-1]:.6g} rad/s: {error.problem}"]
+        return []
 
 
 def _add_backbone(
