@@ -196,6 +196,7 @@ def test_the_tail_of_chi_squared(degrees):
 def test_the_rms_of_numbers_of_any_size(size):
     values = size * np.array([[1.0, -1.0], [-1.0, np.nan], [1.0, 1.0]])
     np.testing.assert_allclose(root_mean_square(values), size, rtol=1e-14)
+    np.testing.assert_allclose(root_mean_square(values[:, :1]), size, rtol=1e-14)
     np.testing.assert_array_equal(root_mean_square(np.zeros((3, 2))), 0.0)
 
 

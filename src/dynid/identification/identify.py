@@ -35,6 +35,7 @@ from dynid.identification.problem import Measured, Problem, SharedRecords, ident
 from dynid.identification.results.write_result import Further, add_identification, raise_rejected
 from dynid.identification.systems.parametric_model import Model, Rebuild, unknowns_of, with_fixed
 from dynid.identification.systems.record_values import true_states
+from dynid.native import call, compiled
 from dynid.number_format import sentence
 from dynid.parameters import named, starts
 from dynid.result import Result
@@ -53,6 +54,9 @@ _MAX_SEARCHES = 2
 # errors, or this part of themselves; and so often at the most.
 _SETTLED_DEVIATIONS, _SETTLED_UNITS = 0.01, 1e-6
 _MAX_REBUILDS = 10
+# Of records beyond this size, bytes, freed arrays are returned to the system but for as much: else it is the
+# sizes of arrays that follow each other, and not of those in use, that decide about the memory.
+_KEPT_BYTES = 2**23
 
 
 def identify(
@@ -115,6 +119,10 @@ def identify(
     names = [unknown.name for unknown in unknowns_of(model)]
     with guarded(f"the identification of {', '.join(names)}", names=names):
         problem = Problem.of(model, measurements, truth=truth, rebuild=rebuild, common=common)
+        if compiled() and any(
+            record.data.values.nbytes > _KEPT_BYTES for record in problem.likelihood.records
+        ):
+            call("dynid_keep_memory", _KEPT_BYTES)
         estimator = estimator or Auto()
         suggest = into is None or into.wants("identification/diagnostics/warnings")
         suggest = suggest and problem.survey is None and not _has_laws(problem.model)

@@ -13,10 +13,15 @@ HALF_WIDTH, TAIL_PROBABILITY = 1.959963984540054, 0.025
 # Most terms of a continued fraction (they grow with the root of the degrees of freedom), how close its values
 # are to be, and the least number that is divided by.
 _MAX_FRACTION_TERMS, _FRACTION_REL_TOL, _MIN_DIVISOR = 100_000, 1e-14, 1e-300
+# A sum of squares above which those that underflow are below its rounding.
+_MIN_SQUARES = 1e-280
 
 
 def root_mean_square(residual: Array) -> Array:
     """Return the RMS of each channel (times x channels, NaN where missing), however large or small."""
+    squares = np.einsum("ij,ij->j", residual, residual)
+    if (squares > _MIN_SQUARES).all() and np.isfinite(squares).all():
+        return np.asarray(np.sqrt(squares / len(residual)))
     missing = np.isnan(residual)
     filled = np.where(missing, 0.0, residual) if missing.any() else residual
     size = np.abs(filled).max(axis=0)
