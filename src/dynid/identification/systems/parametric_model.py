@@ -41,6 +41,8 @@ Rebuild: TypeAlias = Callable[[Mapping[str, float]], StructuralModel]
 # Most numbers that the sensitivities of a record may take, with the copies that their factorisation makes.
 _MAX_SENSITIVITY_NUMBERS = 250_000_000
 _COPIES = 4
+# Coefficients from which a channel with a clock of its own is read out, as of a mode up to half the rate.
+_CLOCK_ROWS = 14
 # Part of a step, or of a record, by which an instant may lie beyond a node: round-off.
 _NODE_TOL = 1e-9
 # Relative jumps of an input below this are rounding.
@@ -382,7 +384,10 @@ def model_of_system(
     if in_blocks:  # sensitivities are held in blocks of samples, or of channels
         _check_numbers(len(line.nodes) * len(d) + _COPIES * len(channels) * len(times))
     else:
-        check_sensitivities(len(times), len(channels), len(d), len(line.nodes) * len(d) * (1 + len(unknowns)))
+        beside = len(line.nodes) * len(d) * (1 + len(unknowns))
+        if instruments.clocked:
+            beside += _CLOCK_ROWS * len(channels) * len(line.nodes) * (len(d) + len(unknowns))
+        check_sensitivities(len(times), len(channels), len(d), beside)
     length = max(float(np.ptp(line.nodes)), 1.0)
     state_root, gains = system.prior(starts, length), instruments.numbers(instruments.gains, starts).value
     state_root[prescribed] = 0.0
