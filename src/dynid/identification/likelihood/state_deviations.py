@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from dynid.lti.recurrence import recurrence
 
 if TYPE_CHECKING:
     from dynid.identification.likelihood.record_likelihood import RecordFit
-    from dynid.identification.likelihood.time_record import TimeRecord
 
 #: Rows of a history, at the most.
 MAX_STORED_ROWS = 100_000
@@ -27,7 +26,7 @@ def stored_rows(samples: int) -> slice:
     return slice((samples - 1) % stride, None, stride)
 
 
-def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
+def state_deviations(record: Any, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
     """Return the standard deviations of the states (stored rows x n, scaled), given all records.
 
     The covariance of initial state and parameters, propagated exactly. Initial states that are not observable
@@ -67,7 +66,7 @@ def _sizes(columns: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ijk,ijk->ik", shares, shares)) * unit)
 
 
-def initial_root(record: TimeRecord, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
+def initial_root(record: Any, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
     """Return a root of the covariance of initial state (scaled) and coordinates (n + p x n + p)."""
     # Given the coordinates, the state has the mean and covariance of its regression on them.
     n = record.nuisances
