@@ -214,6 +214,7 @@ def test_filters_are_refused(estimator):
     assert "estimator.method" in refused.value.names
 
 
+@pytest.mark.thorough
 def test_samples_at_unknown_inputs_are_left_out_channel_by_channel():
     clock = ChannelClock(1 / 1024, 1024, 0.4, DRIFT)  # up to 1.4 s, and the force is known up to 1.299 s
     channels = (CHANNELS[0], CHANNELS[1]._replace(clock=clock))
@@ -231,6 +232,7 @@ def test_samples_at_unknown_inputs_are_left_out_channel_by_channel():
         Problem.of(unknowns, late)
 
 
+@pytest.mark.thorough
 def test_filters_of_instruments_act_before_the_clock():
     low = InstrumentFilter("low_pass", 900.0, 2, "butterworth")
     channels = (CHANNELS[0], CHANNELS[1]._replace(filters=(low,)))
