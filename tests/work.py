@@ -3,12 +3,37 @@
 import sys
 from contextlib import contextmanager
 
+import numpy as np
+import pytest
+
 
 def calls_of(function, *arguments):
     """Return the number of calls of functions that a call makes."""
     with at_most(calls=float("inf")) as count:
         function(*arguments)
     return count[0]
+
+
+#: Operations of a dense eigenvalue problem over the cube of its size: a call takes as long as a hundred.
+_EIGENVALUES = 1 / 100
+
+
+def operations_of(function, *arguments):
+    """Return the number of calls that a call makes, with what dense eigenvalues take."""
+    cubes = [0]
+
+    def counted(eigenvalues):
+        def count(matrix, *more, **options):
+            cubes[0] += len(matrix) ** 3
+            return eigenvalues(matrix, *more, **options)
+
+        return count
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("eigvals", "eig", "eigvalsh", "eigh", "svd"):
+            patch.setattr(np.linalg, name, counted(getattr(np.linalg, name)))
+        calls = calls_of(function, *arguments)
+    return calls + _EIGENVALUES * cubes[0]
 
 
 @contextmanager

@@ -91,6 +91,9 @@ PEAKS_NEAR_POLES = Limit(
     "resonances between the frequencies of a response are found from its poles up to {value} storage "
     "elements",
 )
+UNASKED_RESULTS = Limit(
+    200, "beside responses other results are computed unasked up to {value} storage elements"
+)
 EXACT_IRRATIONAL = Limit(
     60, "exact zeros and poles of irrational values up to {value} storage elements, floating-point above"
 )
@@ -102,6 +105,8 @@ DENSE_EQUILIBRIUM = Limit(
 TRACED_PARTS = Limit(
     100, "the steps of a reduction are written unasked where fields and structures have up to {value} nodes"
 )
+
+TRACED_LOOPS = Limit(4, "the steps of a reduction are written unasked on up to {value} loops")
 
 # Time responses.
 HOLD: Default[Literal["spline"]] = Default("spline", "propagation", "samples are joined by a cubic {value}")

@@ -5,7 +5,7 @@ import pytest
 from flint import fmpq
 
 from dynid.bench.cases.graph_shapes import _lattice
-from dynid.bondgraph.floating import float_engine
+from dynid.bondgraph.floating import state_counts
 from dynid.bondgraph.floating.float_engine import FloatEngine
 from dynid.bondgraph.floating.state_counts import StateCounts
 from dynid.bondgraph.graph import Node, Port
@@ -21,7 +21,7 @@ def engines(monkeypatch, graph, outputs):
     """The engine with state equations, and one with the program's rational functions."""
     reduced = ReducedGraph(graph, ["u"], outputs, traced=False)
     by_states = FloatEngine(reduced)
-    monkeypatch.setattr(float_engine, "MANY_LOOPS", Limit(10**6, "{value}"))
+    monkeypatch.setattr(state_counts, "MANY_LOOPS", Limit(10**6, "{value}"))
     return by_states, FloatEngine(reduced)
 
 

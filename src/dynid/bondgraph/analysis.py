@@ -298,5 +298,10 @@ def _add_graph_scope(
     if "engine" in about:
         why = f"the {about['engine']} engine is used: {about['engine_reason']}"
     parts.append(divided("engines", ENGINES, used, why))
-    parts.append(divided("results", RESULTS, analysis.results, "not requested"))
+    listed: list[str] = [*RESULTS]
+    if analysis.omitted is not None:
+        parts.append(analysis.omitted)
+        assert not isinstance(analysis.omitted.left_out, int)  # results have names
+        listed = [name for name in RESULTS if name not in analysis.omitted.left_out]
+    parts.append(divided("results", listed, analysis.results, "not requested"))
     add_model_scope(result, "bond_graph", parts)

@@ -165,6 +165,8 @@ class Analysis:
     port: Bond | None = None
     #: Structures that enter by a reduced model: how many coordinates were kept and left out, and how.
     approximations: tuple[ScopePart, ...] = ()
+    #: Results that are computed by default of small graphs alone, with the reason; None: there are none.
+    omitted: ScopePart | None = None
     #: opened, loops: Of a graph with feedback: the graph without it, and the loops, for their margins.
     opened: BondGraph | None = None
     loops: tuple[Loop, ...] = ()
@@ -323,8 +325,7 @@ def choose_engine(reduced: ReducedGraph, analysis: Analysis) -> EngineChoice:
         return EngineChoice(analysis.engine, "as requested", forced=True)
     size = modelled_storages(reduced)
     roots = bool(analysis.results & NUMERIC)
-    structure = reduced.structure
-    loops = len(structure.couplings) - len(structure.junctions) + 1
+    loops = reduced.structure.loops
     looped = loops > defaults.MANY_LOOPS.value
     limit: defaults.Default[int] | defaults.Limit[int] = _LIMIT[looped, roots]
     if roots and reduced.field is not None:

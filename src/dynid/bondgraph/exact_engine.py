@@ -13,7 +13,7 @@ import numpy as np
 
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, characteristic_polynomials
-from dynid.defaults import STARTED_ROOTS
+from dynid.defaults import MANY_LOOPS, STARTED_ROOTS
 from dynid.errors import NumericalError
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots
 from dynid.lti.positive_real import fraction, nearest_double
@@ -22,6 +22,7 @@ from dynid.lti.stability import TransferProperties
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from dynid.bondgraph.floating.state_counts import StateCounts
     from dynid.bondgraph.program.factored import RationalFunction
 
 
@@ -158,8 +159,15 @@ class ExactEngine:
     def __init__(self, reduced: ReducedGraph) -> None:
         self.reduced = reduced
         channels = reduced.channels()
-        ratios = reduced.rational(channels.values())
-        lowest = {channel: ratios[register].lowest_terms() for channel, register in channels.items()}
+        self._states = _state_equations(reduced)
+        if self._states:
+            full = {channel: self._states[channel[0]].exact(channel[1]) for channel in channels}
+            lowest = {channel: _in_lowest_terms(*parts) for channel, parts in full.items()}
+            self._zero_counts = {channel: int(above.degree()) for channel, (above, _) in full.items()}
+            self._by_states = {channel[0]: natural.numer() for channel, (_, natural) in full.items()}
+        else:
+            ratios = reduced.rational(channels.values())
+            lowest = {channel: ratios[register].lowest_terms() for channel, register in channels.items()}
         self._denominators = {channel: below for channel, (_, below) in lowest.items()}
         self._transfers = {
             channel: replace(TransferFunction.rounded(*parts), starts=partial(self._starts, channel))
@@ -193,7 +201,7 @@ class ExactEngine:
     @cached_property
     def natural(self) -> dict[Port, Any]:
         """The polynomials of all natural modes behind each output."""
-        return characteristic_polynomials(self.reduced)
+        return self._by_states if self._states else characteristic_polynomials(self.reduced)
 
     def _starts(self, channel: Channel, what: str) -> Sequence[complex] | None:
         """Return first values of the zeros or poles of a channel, where they are many."""
@@ -202,6 +210,9 @@ class ExactEngine:
             return self._natural_starts(channel[0]) if transfer.denominator.degree() > _LARGE else None
         if transfer.numerator.degree() <= _LARGE:
             return None
+        if self._states:
+            values = self._states[channel[0]].zeros(channel[1], self._zero_counts[channel])
+            return values.tolist() if np.isfinite(values).all() else None
         from dynid.bondgraph.floating.spectrum import zero_equations
 
         return _first_values(zero_equations(self.reduced, channel))
@@ -213,6 +224,25 @@ class ExactEngine:
 
             self._modes[junctions] = _first_values(natural_equations(self.reduced, port))
         return self._modes[junctions]
+
+
+def _state_equations(reduced: ReducedGraph) -> dict[Port, StateCounts]:
+    """Return the state equations of outputs on many loops, where a program of rational functions fills."""
+    if reduced.structure.loops <= MANY_LOOPS.value:  # without an import
+        return {}
+    from dynid.bondgraph.floating.state_counts import StateCounts
+
+    return StateCounts.of_outputs(reduced)
+
+
+def _in_lowest_terms(above: Any, below: Any) -> tuple[Any, Any]:
+    """Return two polynomials over the rationals as ones over the integers without a common factor."""
+    shared = above.gcd(below)
+    above, below = above // shared, below // shared
+    common = math.lcm(int(above.denom()), int(below.denom()))
+    above, below = (above * common).numer(), (below * common).numer()
+    content = math.gcd(int(above.content()), int(below.content()))
+    return above // content, below // content
 
 
 def _first_values(equations: Any) -> list[complex] | None:

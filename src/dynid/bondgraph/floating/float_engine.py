@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,15 +18,17 @@ from dynid.bondgraph.floating.roots import (
     settled,
 )
 from dynid.bondgraph.floating.series import leading_terms
-from dynid.bondgraph.floating.spectrum import natural_equations, refined, spectrum, zero_equations
-from dynid.bondgraph.graph import Port
+from dynid.bondgraph.floating.spectrum import (
+    MAX_CERTIFIED_STATES,
+    natural_equations,
+    refined,
+    spectrum,
+    zero_equations,
+)
+from dynid.bondgraph.floating.state_counts import StateCounts
 from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
-from dynid.defaults import MANY_LOOPS
 from dynid.errors import Undecided
 from dynid.lti.stability import TransferProperties
-
-if TYPE_CHECKING:
-    from dynid.bondgraph.floating.state_counts import StateCounts
 
 
 class FloatEngine:
@@ -39,7 +40,7 @@ class FloatEngine:
         self._spectra: dict[tuple[frozenset[str], bool], RootDiscs] = {}
         self._found: dict[Channel, _FloatTransferFunction] = {}
         self._terms: tuple[dict[Channel, tuple[int, float]], ...] = ({}, {})  # at 0, at infinity
-        self._states = self._state_counts()
+        self._states = StateCounts.of_outputs(reduced)
         if self._states:
             self.counts, self.natural_counts, self._zero_counts = {}, {}, {}
             for channel in self.channels:
@@ -53,17 +54,6 @@ class FloatEngine:
         counted = modular_ratios(reduced, [*self.channels.values(), *determinants.values()])
         self.counts = {channel: counted[register] for channel, register in self.channels.items()}
         self.natural_counts = {port: counted[register][0] for port, register in determinants.items()}
-
-    def _state_counts(self) -> dict[Port, StateCounts]:
-        """Return the state equations of the outputs of a graph on many loops; none where one lacks them."""
-        structure = self.reduced.structure
-        if len(structure.couplings) - len(structure.junctions) < MANY_LOOPS.value:
-            return {}
-        from dynid.bondgraph.floating.state_counts import StateCounts
-
-        states = {port: StateCounts.of(self.reduced, port) for port in self.reduced.outputs}
-        complete = {port: equations for port, equations in states.items() if equations is not None}
-        return complete if len(complete) == len(states) else {}
 
     def channel(self, channel: Channel) -> _FloatTransferFunction:
         """Return one channel."""
@@ -88,7 +78,7 @@ class FloatEngine:
 
     def invariant_zeros(self, channel: Channel, *, exact: bool = False) -> RootDiscs:
         """Return the invariant zeros of a channel: its zeros and hidden modes."""
-        if self._states and not exact:
+        if self._states and not (exact and self._zero_counts[channel] <= MAX_CERTIFIED_STATES):
             starts = self._states[channel[0]].zeros(channel[1], self._zero_counts[channel])
             if np.isfinite(starts).all():
                 return refined(zero_equations(self.reduced, channel), starts)

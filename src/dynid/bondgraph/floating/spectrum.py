@@ -45,7 +45,7 @@ _MAX_INVERSE_ITERATIONS, _MAX_FACTORISATIONS = 2, 4
 #: What is allowed for the correction that follows one, over its square by the room around the root.
 _NEXT_CORRECTION_FACTOR = 64.0
 #: Most states of a block whose characteristic polynomial is computed: 2 s for 60 with 53 bits an entry.
-_MAX_CERTIFIED_STATES = 60
+MAX_CERTIFIED_STATES = 60
 #: Entries of the matrices at several roots that are factorised together: beyond, factors leave the caches.
 _MAX_BATCH_ENTRIES = 50_000
 #: How far beside a root its equations are factorised, if they are exactly singular at it.
@@ -56,7 +56,7 @@ def spectrum(equations: Sequence[LinearForm], *, exact: bool = False) -> RootDis
     """Return the roots of the determinant of equations, with error estimates.
 
     `equations`: as many forms that equal zero as there are unknowns, with exact coefficients. `exact`: True:
-    roots of blocks of up to `_MAX_CERTIFIED_STATES` states are certified. Raises `Singular` where the
+    roots of blocks of up to `MAX_CERTIFIED_STATES` states are certified. Raises `Singular` where the
     determinant vanishes.
     """
     parts = []
@@ -86,7 +86,7 @@ def _certified(block: list[LinearForm]) -> RootDiscs | None:
     from dynid.lti.certified_roots import certified_roots
 
     rates = solve(block, [])[0] if len(block) > 1 else {}
-    if not 1 < len(rates) <= _MAX_CERTIFIED_STATES:
+    if not 1 < len(rates) <= MAX_CERTIFIED_STATES:
         return None
     matrix = fmpq_mat(len(rates), len(rates))
     index_of, field = {name: k for k, name in enumerate(rates)}, None

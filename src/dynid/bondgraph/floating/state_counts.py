@@ -1,15 +1,15 @@
-"""Counts and first values of the roots of a graph on loops, from its exact state equations.
+"""Polynomials, counts and first values of the roots of a graph on loops, from its exact state equations.
 
 On loops a program of rational functions fills, and so does the index reduction of the equations that hold
-an output at zero. The state equations stay sparse: their matrix modulo a prime has the natural polynomial,
-and with the feedback -b c the numerator of a channel (the matrix determinant lemma). With the exact degree
-of that an orthogonal staircase takes what lies at infinity off the rounded matrices, and leaves the zeros as
-eigenvalues (Emami-Naeini and Van Dooren 1982).
+an output at zero. The state equations stay sparse: their matrix has the natural polynomial, and with the
+feedback -b c the numerator of a channel (the matrix determinant lemma), over the rationals or modulo a prime.
+With the exact degree of that an orthogonal staircase takes what lies at infinity off the rounded matrices,
+and leaves the zeros as eigenvalues (Emami-Naeini and Van Dooren 1982).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -19,6 +19,7 @@ from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, solv
 from dynid.bondgraph.floating.roots import RootCounts
 from dynid.bondgraph.floating.series import MIN_SERIES_BITS, SERIES_PRECISIONS, lost_to_round_off
 from dynid.bondgraph.graph import Port
+from dynid.defaults import MANY_LOOPS
 
 if TYPE_CHECKING:
     from dynid.bondgraph.reduced_graph import ReducedGraph
@@ -39,6 +40,16 @@ class StateCounts:
         self._rows, self._output = list(rates.values()), output
         self._column = {("w", name): column for column, name in enumerate(rates)}
         self._inputs = inputs
+        self._natural: dict[type, Any] = {}  # polynomials by the type of their coefficients
+
+    @classmethod
+    def of_outputs(cls, reduced: ReducedGraph) -> dict[Port, Self]:
+        """Return those of all outputs of a graph on many loops; none where one lacks them."""
+        if reduced.structure.loops <= MANY_LOOPS.value:
+            return {}
+        states = {port: cls.of(reduced, port) for port in reduced.outputs}
+        complete = {port: equations for port, equations in states.items() if equations is not None}
+        return complete if len(complete) == len(states) else {}
 
     @classmethod
     def of(cls, reduced: ReducedGraph, port: Port) -> Self | None:
@@ -133,6 +144,16 @@ class StateCounts:
                 c[self._column[symbol]] = number(value)
         return A, b, c, number(self._output[drive]) if drive in self._output else zero
 
+    def _polynomials(
+        self, number: Callable[[Any], Any], zero: Any, matrix: Callable[[list[Any]], Any], source: str
+    ) -> tuple[Any, Any]:
+        """Return a channel's numerator, with what it hides, and the natural polynomial, in some numbers."""
+        A, b, c, d = self._dense(number, zero, source)
+        natural = self._natural.get(type(d)) or matrix([x for row in A for x in row]).charpoly()
+        self._natural[type(d)] = natural
+        fed = [x - b[i] * y if b[i] else x for i, row in enumerate(A) for x, y in zip(row, c, strict=True)]
+        return matrix(fed).charpoly() - natural + natural * d, natural
+
     def counts(self, source: str) -> tuple[RootCounts, RootCounts]:
         """Return the counts of a channel's numerator, with what it hides, and of the natural modes.
 
@@ -141,13 +162,21 @@ class StateCounts:
         from flint import nmod, nmod_mat
 
         prime = self._prime
-        A, b, c, d = self._dense(
-            lambda value: nmod(int(value.p), prime) / int(value.q), nmod(0, prime), source
+        above, natural = self._polynomials(
+            lambda value: nmod(int(value.p), prime) / int(value.q),
+            nmod(0, prime),
+            lambda entries: nmod_mat(self._size, self._size, entries, prime),
+            source,
         )
-        natural = nmod_mat(self._size, self._size, [x for row in A for x in row], prime).charpoly()
-        fed = [x - b[i] * y if b[i] else x for i, row in enumerate(A) for x, y in zip(row, c, strict=True)]
-        closed = nmod_mat(self._size, self._size, fed, prime).charpoly()
-        return RootCounts(closed - natural + natural * d), RootCounts(natural)
+        return RootCounts(above), RootCounts(natural)
+
+    def exact(self, source: str) -> tuple[Any, Any]:
+        """Return the same two polynomials over the rationals (flint `fmpq_poly`)."""
+        from flint import fmpq, fmpq_mat
+
+        return self._polynomials(
+            fmpq, fmpq(0), lambda entries: fmpq_mat(self._size, self._size, entries), source
+        )
 
     def zeros(self, source: str, count: int) -> ComplexArray:
         """Return first values of the zeros of a channel, hidden modes among them: that many, as is known.

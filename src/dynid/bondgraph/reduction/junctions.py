@@ -104,6 +104,11 @@ class JunctionStructure:
             self.tied[coupling.tail].append(coupling)
             self.tied[coupling.head].append(coupling)
 
+    @property
+    def loops(self) -> int:
+        """The number of independent loops of a connected structure."""
+        return len(self.couplings) - len(self.junctions) + 1
+
     def _attach(self, name: str, at: str, *, incoming: bool) -> None:
         """Put a one-port on a junction; `incoming` where its arrow points at the junction."""
         junction, node = self.junctions[at], self.graph.nodes[name]

@@ -11,15 +11,16 @@ from typing import TYPE_CHECKING, Any, cast
 
 from dynid.arithmetic.dependent import Dual
 from dynid.bondgraph.analysis_request import (
+    USUAL,
     Analysis,
     FormulaRequest,
     SensitivityParameter,
     available_results,
 )
-from dynid.bondgraph.graph import FIELDS, SOURCES, BondGraph, GraphUnits
-from dynid.defaults import TRACED_PARTS
+from dynid.bondgraph.graph import FIELDS, SOURCES, STORAGES, BondGraph, GraphUnits
+from dynid.defaults import TRACED_LOOPS, TRACED_PARTS, UNASKED_RESULTS, Limit
 from dynid.errors import Fault, NumericalError, Singular, UsageError
-from dynid.model_scope import wants_scope
+from dynid.model_scope import ScopePart, wants_scope
 from dynid.result import Result
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph, has_law, with_gains
 from dynid.scene.kinds.parameters import quantities
@@ -70,7 +71,9 @@ def run(scene: Scene[BondGraphScene], sample: Result | None = None) -> Result:
 
     if scene.model.design is None:
         graph, analysis = question(scene)
-        if sample is not None and not wants_scope(sample, "bond_graph"):
+        if sample is None:
+            analysis = without_unasked(scene, graph, analysis)
+        elif not wants_scope(sample, "bond_graph"):
             analysis = replace(
                 analysis,
                 results=frozenset(
@@ -89,6 +92,38 @@ def run(scene: Scene[BondGraphScene], sample: Result | None = None) -> Result:
     result = analyse(graph, analysis, scene.title)
     add_design(result, designed, analysis.omega)
     return result
+
+
+def without_unasked(scene: Scene[BondGraphScene], graph: BondGraph, analysis: Analysis) -> Analysis:
+    """Return the analysis of a large graph without default results that cost far more than what is asked.
+
+    Those beside responses grow faster than these with the graph, and the formulas of a reduction with its
+    loops. Results that an expectation names are kept.
+    """
+    model = scene.model
+    if model.analysis.results is not None:
+        return analysis
+    storages = sum(node.type in STORAGES for node in graph.nodes.values())
+    loops = len(graph.bonds) - len(graph.nodes) + 1
+    limit: Limit[int] | None = None
+    unasked: frozenset[str] = frozenset()
+    responses = analysis.results & {"frequency_response", "time_response"}
+    if storages > UNASKED_RESULTS.value and model.control is None and responses:
+        limit, unasked = UNASKED_RESULTS, USUAL
+    elif loops > TRACED_LOOPS.value:
+        limit, unasked = TRACED_LOOPS, frozenset({"reduction"})
+    expected = {
+        name
+        for name in unasked
+        for group in _GROUPS[name]
+        if any(f"{expectation.path}/".startswith(f"bond_graph/{group}/") for expectation in model.expect)
+    }
+    left_out = sorted(unasked & analysis.results - expected)
+    if not left_out:
+        return analysis
+    why = f"{limit}; list them in 'analysis.results'"
+    omitted = ScopePart("default results", sorted(USUAL & analysis.results - {*left_out}), left_out, why)
+    return replace(analysis, results=analysis.results - {*left_out}, omitted=omitted)
 
 
 def check_valid(scene: Scene[BondGraphScene]) -> None:

@@ -16,7 +16,7 @@ from dynid.number_format import counted
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.explanation import Explanation, Fact
-from dynid.scene.kinds.bond_graph import question, unused_grids
+from dynid.scene.kinds.bond_graph import question, unused_grids, without_unasked
 from dynid.scene.kinds.synthesis import driving_function
 from dynid.scene.kinds.time_scales import graph_time_scales
 from dynid.scene.load import Scene
@@ -27,6 +27,7 @@ from dynid.scene.schema.synthesis import SynthesisScene
 def explain(scene: Scene) -> Explanation:
     """Return the explanation of a scene of kind `bond-graph`: its graph is reduced, without numbers."""
     graph, analysis = question(scene)
+    analysis = without_unasked(scene, graph, analysis)
     if analysis.reading == "binary":
         graph = graph.rounded()
     result = Result("bond-graph", scene.title)
@@ -93,6 +94,8 @@ def _results(scene: Scene[BondGraphScene], analysis: Analysis) -> list[Fact]:
     if analysis.times is not None and "time" not in unused:
         grids.append(counted(len(analysis.times), "sample"))
     facts = [Fact("computes", asked)]
+    if analysis.omitted is not None:
+        facts.append(Fact("", analysis.omitted.why))
     if grids:
         facts.append(Fact("", f"at {' and '.join(grids)}"))
     return [*facts, Fact("not requested", others)] if others else facts
