@@ -35,6 +35,7 @@ from dynid.identification.likelihood.saturated_model import (
     forced_regressors,
     regressors_in_time,
 )
+from dynid.identification.likelihood.saturated_record import shared_regressors
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.noise import ColouredNoise, estimated
 from dynid.identification.statistics import log_f_tail
@@ -161,7 +162,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
     freed: dict[int, Array] = {}
     regressors = []
     for (record, record_fit, joints), motion in zip(tested, motions, strict=True):
-        shared = record.shared_regressors(record_fit).values
+        shared = shared_regressors(record, record_fit).values
         regressors.append((shared, _by_channel(record, record_fit, joints, _forces(motion / units))))
     coloured = not white or any(record.colour is not None for record, _, _ in tested)
     first, _ = test(free=False, coloured=coloured)

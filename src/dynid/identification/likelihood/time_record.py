@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +16,8 @@ from dynid.identification.information import Information, information
 from dynid.identification.least_squares import STATE_RANK, least_squares, thin_svd, triangular_factors
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
-from dynid.identification.likelihood.saturated_model import (
-    ChannelColumns,
-    ForcedRegressors,
-    Regressors,
-    SaturatedCoordinates,
-    delayed_residuals,
-    fault_columns,
-    forced_regressors,
-    most_regressors,
-    regressors_in_time,
-    saturated_coordinates,
-)
+from dynid.identification.likelihood.saturated_model import Regressors, SaturatedCoordinates
+from dynid.identification.likelihood.saturated_record import coordinates
 from dynid.identification.likelihood.shared_decays import first_state_rows, fit_from, sensitive
 from dynid.identification.likelihood.state_deviations import initial_root
 from dynid.identification.records.measurement import Experiment, RecordData, Simulation
@@ -54,7 +43,7 @@ from dynid.identification.systems.prediction import (
     kernels_used,
     prediction,
 )
-from dynid.lti.signals import Sampled, Shifted, Signal
+from dynid.lti.signals import Sampled
 from dynid.parameters import named, rates, starts, values
 from dynid.structure.ports import Channel
 
@@ -77,9 +66,6 @@ _TIME_TOL = 1e-6
 # Fewest values of a part of a record for each unknown.
 _MIN_VALUES_PER_UNKNOWN = 4
 
-# Regressors of the forces of models, of which there may be so many.
-_FORCED: WeakKeyDictionary[ParametricModel, dict[int, ForcedRegressors]] = WeakKeyDictionary()
-
 
 @dataclass(frozen=True, eq=False)
 class TimeRecord(RecordLikelihood):
@@ -97,7 +83,8 @@ class TimeRecord(RecordLikelihood):
     # True: channels with clocks of their own are interpolated at the times of the record, for searches.
     resampled: bool = False
     _last: dict[bytes, Prediction] = field(default_factory=dict, init=False, repr=False)
-    _shared: dict[bytes, Regressors] = field(default_factory=dict, init=False, repr=False)
+    #: Regressors of the saturated model at the last coordinates, unless they are large.
+    kept_regressors: dict[bytes, Regressors] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(cls, model: ParametricModel, data: RecordData, experiment: Experiment, sharing: int = 1) -> Self:
@@ -576,42 +563,6 @@ class TimeRecord(RecordLikelihood):
         at = values(self.unknowns, fit.eta), rates(self.unknowns, fit.eta)
         return information(names, rows[:, n : n + p], rows[:, :n] @ self.root, signal, count, *at)
 
-    def shared_regressors(self, fit: RecordFit) -> Regressors:
-        """Return the regressors of the saturated model that the channels share (times x any)."""
-        times = self.model.times
-        max_count = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
-        forced = _FORCED.setdefault(self.model, {})
-        if max_count not in forced:
-            inputs = [self.model.inputs(order) for order in (0, 1)]
-            forced[max_count] = forced_regressors(self.model.signals, inputs, times, max_count)
-        key = fit.eta.tobytes()
-        if key not in self._shared:
-            shared = regressors_in_time(forced[max_count], self.model.poles(fit.eta), times, max_count)
-            self._shared.clear()
-            if shared.values.size > _MAX_KEPT_NUMBERS:
-                return shared
-            self._shared[key] = shared
-        return self._shared[key]
-
-    def _regressors_of_clock(self, fit: RecordFit, channel: int) -> Regressors:
-        """Return the regressors of a channel at the times of its own clock."""
-        model, clock = self.model, self.model.instruments.clocks[channel]
-        assert clock is not None
-        at = named(self.unknowns, fit.eta)
-        first, second = model.instruments.instants(model.times[:2], at).value[:, channel]
-        times = first + (second - first) * np.arange(len(model.times))
-        # Beyond their samples, signals keep the last one.
-        acting = [
-            Shifted(signal, 0.0) if isinstance(signal, Sampled) else signal
-            for signal in model.instruments.acting(model.signals, at)
-        ]
-        inputs = [
-            np.column_stack([_derivative(signal, order, times) for signal in acting]) for order in (0, 1)
-        ]
-        max_count = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
-        forced = forced_regressors(model.signals, inputs, times, max_count)
-        return regressors_in_time(forced, model.poles(fit.eta), times, max_count)
-
     def channelwise(self, fit: RecordFit, *, by_state: bool = True) -> Iterator[tuple[int, Prediction]]:
         """Yield the channels with their predictions, as many at once as memory allows.
 
@@ -631,47 +582,7 @@ class TimeRecord(RecordLikelihood):
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
-        assert fit.measured is not None
-        white, decays = self.data.passed == 1, self.decays(fit.eta)
-        shared = self.shared_regressors(fit)
-        coordinates, clocks = [], self.model.instruments.clocks
-        # The derivatives by the first state are in the range of the regressors and decays.
-        inside = None if decays is None else shared.directions[1] @ decays.columns
-        for c, predicted in self.channelwise(fit, by_state=False):
-            if clocks[c] is not None:
-                shared = self._regressors_of_clock(fit, c)
-            rms = self.data.rms[c]
-            there = ~np.isnan(fit.residual[:, c])
-            outputs, residual = predicted.outputs[:, 0] / rms, fit.residual[:, c] / rms
-            measured = np.nan_to_num(fit.measured[:, c]) / rms
-            if decays is None or inside is None:
-                by_state = np.ascontiguousarray(predicted.by_state[:, 0]) @ (self.root / rms)
-            else:
-                by_state = np.asarray(inside @ (decays.weights[c] @ (self.root / rms)))
-            by_parameter, regressors_of_channel = predicted.by_parameter[:, 0] / rms, shared
-            if not there.all():
-                outputs, residual = np.where(there, outputs, 0.0), np.where(there, residual, 0.0)
-                by_state, by_parameter = by_state * there[:, None], by_parameter * there[:, None]
-            faults = fault_columns(outputs) if there.all() else fault_columns(outputs) * there[:, None]
-            if self.colour is not None:  # channel by channel, whether they are correlated or not
-                parts = (shared.values, outputs, measured, residual, by_state, by_parameter, faults)
-                regressors, outputs, measured, residual, by_state, by_parameter, faults = (
-                    self.colour.of_channel(c, there, parts)
-                )
-                regressors_of_channel = replace(shared, values=regressors, decays=None)
-            # A preparation filter correlates residuals that were white.
-            before = delayed_residuals(residual) if white else np.zeros((len(there), 0))
-            before = before if there.all() else before * there[:, None]
-            columns = ChannelColumns(outputs, measured, residual, by_state, by_parameter, faults, before)
-            coordinates.append(
-                saturated_coordinates(
-                    regressors_of_channel.where(there),
-                    columns,
-                    int(self.data.counts[c]) * min(1.0, self.data.passed),
-                    state_in_range=decays is not None,
-                )
-            )
-        return coordinates
+        return coordinates(self, fit)
 
     def weighted(self, fit: RecordFit, noise: Array) -> Array:
         """Return the residuals over noise, row by row as the information has them."""
@@ -745,9 +656,3 @@ def _interpolated(values: Array, at: Array, times: Array) -> Array:
         signal = Sampled(filled, float(at[last] - at[first]) / (last - first), "spline", float(at[first]))
         out[inside] = signal.value(times[inside])
     return out
-
-
-def _derivative(signal: Signal, order: int, times: Array) -> Array:
-    """Return a derivative of a signal at times."""
-    G, h = signal.generator()
-    return np.asarray(signal.states(times, times) @ (h @ np.linalg.matrix_power(G, order)))
