@@ -121,6 +121,12 @@ def study(
       dynid study tolerances.yaml --workers 4
       dynid study tolerances.yaml --shard 3/10
     """  # noqa: D301 - click's mark against wrapping
+    from dynid.study.executors import make_executor
+
+    pool = make_executor(executor, workers, scheduler, scheduler_file, sample_timeout)
+    click.get_current_context().call_on_close(pool.dismiss)
+    if not dry_run:
+        pool.start()  # while the scene is read
     from dynid.scene.load import load_scene
     from dynid.study.plan import make_plan
 
@@ -153,12 +159,10 @@ def study(
     from dynid.cli.run import checked_expectations, report_expectations, warn_of_doubts
     from dynid.store import open_stored
     from dynid.store.files import Terminated, terminations
-    from dynid.study.executors import make_executor
     from dynid.study.run import run_study
 
     warn_of_doubts(plan.base)
     started = time.perf_counter()
-    pool = make_executor(executor, workers, scheduler, scheduler_file, sample_timeout)
     try:
         with terminations(), showing_study(quiet) as listener:
             notice = noticing(plan.study.source.file, listener)

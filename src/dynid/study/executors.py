@@ -65,6 +65,13 @@ class StudyExecutor(ABC):
     def _stop(self, executor: Executor) -> None:
         executor.shutdown(wait=False, cancel_futures=True)
 
+    def start(self) -> None:
+        """Start the workers, where they will be needed."""
+        self.prepare(_ready)
+
+    def prepare(self, call: Callable[..., Any], *args: Any) -> None:  # noqa: B027
+        """Prepare each worker by a call, whatever becomes of it."""
+
     def has_died(self, error: BaseException) -> bool:  # noqa: ARG002
         """Return whether an error of a call means that its worker died."""
         return False
@@ -229,6 +236,12 @@ class ProcessExecutor(StudyExecutor):
         """Submit a call to a worker, which a thread waits for."""
         return super().submit(self._run, call, args)
 
+    def prepare(self, call: Callable[..., Any], *args: Any) -> None:
+        """Prepare the workers while this process reads the scene; with a time limit the first chunk does."""
+        if self.timeout is None:
+            for _ in range(self.width):
+                self.submit(call, *args)
+
     def _run(self, call: Callable[..., Any], args: tuple[Any, ...]) -> Any:
         return self._pool.run(self.timeout, call, *args)  # the pool exists when the threads have started
 
@@ -260,6 +273,7 @@ class AutoExecutor(ProcessExecutor):
         super().__init__()
         self._at_once = _AtOnce()
         self._starts: list[Future[Any]] = []
+        self._first: tuple[Callable[..., Any], tuple[Any, ...]] = _ready, ()  # call of a process
 
     @property
     def ahead(self) -> int:
@@ -274,11 +288,15 @@ class AutoExecutor(ProcessExecutor):
         """Run a call, or submit it to a worker."""
         return self._at_once.submit(call, *args) if self._is_alone else super().submit(call, *args)
 
+    def prepare(self, call: Callable[..., Any], *args: Any) -> None:
+        """Take note of the call that prepares processes, if they are started."""
+        self._first = call, args
+
     def expect(self, seconds: float) -> None:
         """Start processes, if so much is left to do."""
         if not self._starts and seconds > _MIN_SECONDS_FOR_PROCESSES:
-            start = super().submit
-            self._starts = [start(_ready) for _ in range(self.width)]
+            start, (call, args) = super().submit, self._first
+            self._starts = [start(call, *args) for _ in range(self.width)]
 
 
 _DASK_POOL = WorkerPool(_IDLE_SECONDS)

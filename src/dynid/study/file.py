@@ -225,7 +225,8 @@ def _blocks(heading: StudyHeading, layout: Layout, outcomes: Rows) -> Iterator[t
     size = max(1, min(_BLOCK_ROWS, _BLOCK_BYTES // layout.row_bytes))
     for start in range(0, len(heading.numbers), size):
         stop = min(start + size, len(heading.numbers))
-        keys = [key.tobytes().hex() for key in heading.keys[start:stop]]
+        text, digits = heading.keys[start:stop].tobytes().hex(), 2 * heading.keys.shape[1]
+        keys = [text[first : first + digits] for first in range(0, len(text), digits)]
         yield "study/key", start, np.array(keys, dtype=object)
         for name, rows in _rows(layout, outcomes(start, stop), start, stop).items():
             yield name, start, rows

@@ -52,7 +52,7 @@ class Keyring:
 
     def keys(self, columns: Sequence[Sequence[Any]], count: int) -> Keys:
         """Return the keys of `count` samples from their values at each path that is set, in its order."""
-        columns_encoded = [[self._encoded(value) for value in columns[index]] for index in self._places]
+        columns_encoded = [self._encoded_column(columns[index]) for index in self._places]
         rows = zip(*columns_encoded, strict=True) if columns_encoded else iter([()] * count)
         digests = b"".join(self._hashed(row) for row in rows)
         return np.frombuffer(digests, np.uint8).reshape(count, SIZE)
@@ -62,10 +62,13 @@ class Keyring:
         digest.update(self._form % tuple(encoded))
         return digest.digest()[:SIZE]
 
+    def _encoded_column(self, values: Sequence[Any]) -> list[bytes]:
+        """Return values as texts, each followed by the hashes of the files that it names."""
+        if {*map(type, values)} == {float} and all(map(isfinite, values)):
+            return " ".join(map(repr, values)).encode().split()
+        return [self._encoded(value) for value in values]
+
     def _encoded(self, value: Any) -> bytes:
-        """Return a value as text, followed by the hashes of the files that it names."""
-        if type(value) is float and isfinite(value):
-            return repr(value).encode()
         digests = [self._digest(file) for file in _files(self._folder, _texts(value))]
         return b"".join([_canonical(value).encode(), *digests])
 

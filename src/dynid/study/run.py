@@ -34,7 +34,7 @@ from dynid.study.keys import SIZE, Keys, as_texts, found_in, sample_keys
 from dynid.study.plan import Plan
 from dynid.study.scheduler import Chunk, Notice, Scheduler
 from dynid.study.stored import open_study
-from dynid.study.work import Job, packed, run_chunk, unpacked
+from dynid.study.work import Job, packed, prepare, run_chunk, unpacked
 
 if TYPE_CHECKING:
     from dynid.study.executors import StudyExecutor
@@ -192,6 +192,7 @@ def run_study(
     with ExitStack() as stack:
         stack.enter_context(locked(name))
         stack.callback(pool.dismiss)
+        pool.prepare(prepare, Job.of(plan.base, plan.collect), tuple(plan.settings))
         heading = heading_of(plan, numbers, sample_keys(plan, numbers))
         if not force and (foreign := foreign_samples(name, heading.keys)):
             raise UsageError(

@@ -19,7 +19,7 @@ from dynid._version import __version__
 from dynid.checks import samples_meet
 from dynid.errors import FileError
 from dynid.result import Variable
-from dynid.scene.batch import Expected, run_batch
+from dynid.scene.batch import Expected, run_batch, why_alone
 from dynid.scene.load import check_source
 from dynid.scene.outcomes import SampleBlock, SampleOutcomes, is_shared
 from dynid.scene.yaml.source import parse_source
@@ -50,6 +50,11 @@ class Done:
     outcomes: Packed
     seconds: float
     processor_seconds: float
+
+
+def prepare(job: Job, paths: Sequence[str]) -> None:
+    """Read the scene, and plan samples that differ in the values at paths: chunks find both."""
+    why_alone(_template(job.text, job.file), paths, job.collect)
 
 
 def run_chunk(job: Job, overrides: Sequence[Mapping[str, Any]]) -> Done:
