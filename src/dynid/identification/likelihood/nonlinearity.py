@@ -17,8 +17,8 @@ what the forces do not, the test is repeated beside it, whitened: large linear e
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -40,12 +40,13 @@ from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.noise import ColouredNoise, estimated
 from dynid.identification.statistics import log_f_tail
 from dynid.identification.systems.parametric_model import ParametricModel
-from dynid.identification.systems.prediction import Trajectory
+from dynid.identification.systems.prediction import Prediction, Trajectory
 from dynid.identification.systems.structure_system import JointPorts, StructureSystem
 from dynid.lti.exponential import exponential
 from dynid.lti.recurrence import recurrence
 from dynid.number_format import p_text, short_percent
 from dynid.parameters import named
+from dynid.progress import report_progress
 
 #: The forces, of relative displacement d and velocity v.
 TERMS = ("d|d|", "d2", "|d|v", "dv", "d3", "|v|v")
@@ -60,6 +61,8 @@ _MAX_NUMBERS = 30_000_000
 _MAX_HELD_NUMBERS = 12_000_000
 # Numbers of the states of the responses after which these are carried on: they do not fill the memory.
 _MAX_RESPONSE_NUMBERS = 400_000
+# Most samples of which products are taken at once.
+_MAX_BLOCK_SAMPLES = 256
 # Eigenvalues of products of unit columns below this part of the largest are linear dependence, to rounding.
 _RANK_TOL = 1e-9
 # Part of a column's square that is left beside others below which it is one of them, to rounding.
@@ -163,7 +166,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
     regressors = []
     for (record, record_fit, joints), motion in zip(tested, motions, strict=True):
         shared = shared_regressors(record, record_fit).values
-        regressors.append((shared, _by_channel(record, record_fit, joints, _forces(motion / units))))
+        regressors.append((shared, _Responses(record, record_fit, joints, _forces(motion / units))))
     coloured = not white or any(record.colour is not None for record, _, _ in tested)
     first, _ = test(free=False, coloured=coloured)
     if first.nonlinear_p > _FREED_LEVEL:
@@ -221,31 +224,94 @@ def _slider(d: Array, slip: float) -> Array:
     return np.clip(added, low, high)
 
 
-def _by_channel(
-    record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array
-) -> Callable[[int], Array]:
-    """Return the responses of a channel (times x any) as a function of its number."""
-    count, held = len(record.data.rms), dict[int, Array]()
-    blocks = min(count, -(-count * forces.size // _MAX_HELD_NUMBERS))
-    width = -(-count // blocks)
+@dataclass(frozen=True, eq=False)
+class _Responses:
+    """Linear responses of a record to forces at joints (times x joints x forces)."""
 
-    def of_channel(channel: int) -> Array:
+    record: TimeRecord
+    fit: RecordFit
+    joints: JointPorts
+    forces: Array
+    _held: dict[int, Array] = field(default_factory=dict)
+
+    @property
+    def count(self) -> int:
+        """Number of responses of a channel."""
+        return int(self.forces[0].size)
+
+    def of_channel(self, channel: int) -> Array:
+        """Return the responses of a channel (times x any); those of a block of channels are held."""
+        count, held = len(self.record.data.rms), self._held
+        blocks = min(count, -(-count * self.forces.size // _MAX_HELD_NUMBERS))
+        width = -(-count // blocks)
         number = channel // width
         if number not in held:
             held.clear()  # first: two blocks would take twice the memory
             channels = slice(number * width, (number + 1) * width)
-            responses = _responses(record, fit, joints, forces, channels)
+            responses = _responses(self.record, self.fit, self.joints, self.forces, channels)
             finite("the responses to forces at the joints", responses)  # of predictions that grow
-            held[number] = responses.reshape(len(responses), len(forces), -1)
+            held[number] = responses.reshape(len(responses), len(self.forces), -1)
         return np.asarray(held[number][channel % width])
 
-    return of_channel
+    def products(self, columns: Array) -> tuple[Array, Array]:
+        """Return products of derivatives by parameters, responses and residuals (w), in blocks of samples.
+
+        With each other (channels x w x w), and with columns that all channels share (times x any: any x
+        channels x w). Channels record at the times of the model.
+        """
+        record, fit = self.record, self.fit
+        by_parameter = record.prediction_from(
+            fit.eta, fit.predicted.start, record.model, by_state=False
+        ).by_parameter
+        _, channels, p = by_parameter.shape
+        own = np.empty((_MAX_BLOCK_SAMPLES, channels, p + self.count + 1))
+        gram = np.zeros((channels, own.shape[2], own.shape[2]))
+        across = np.zeros((columns.shape[1], own[0].size))
+
+        def add(first: int, last: int) -> None:
+            part = own[: last - first]
+            finite("the responses to forces at the joints", part)  # of predictions that grow
+            for c in range(channels):
+                gram[c] += part[:, c].T @ part[:, c]
+            across[:] += columns[first:last].T @ part.reshape(len(part), -1)
+
+        begun = 0
+        for rows, responses in _response_blocks(record, fit, self.joints, self.forces, slice(None)):
+            if rows.stop - begun > _MAX_BLOCK_SAMPLES:
+                report_progress(f"score test, {rows.start} of {len(self.forces)} samples")
+                add(begun, rows.start)
+                begun = rows.start
+            part = own[rows.start - begun : rows.stop - begun]
+            part[..., :p], part[..., -1] = by_parameter[rows], fit.residual[rows]
+            part[..., p:-1] = responses.reshape(channels, len(part), -1).swapaxes(0, 1)
+        add(begun, len(self.forces))
+        return gram, across.reshape(len(across), channels, -1)
 
 
 def _responses(
     record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array, channels: slice
 ) -> Array:
     """Return the linear responses of channels from rest (channels x times x joints x forces)."""
+    model, h = record.model.moved(fit.eta), record.sampling_step
+    delays = model.instruments.numbers(model.instruments.delays, named(record.unknowns, fit.eta)).value[
+        channels
+    ]
+    responses = np.empty((len(delays), *forces.shape))
+    for rows, block in _response_blocks(record, fit, joints, forces, channels):
+        responses[:, rows] = block
+    for c in np.flatnonzero(delays):  # between samples
+        times = h * np.arange(len(forces))
+        late = [
+            np.interp(times - delays[c], times, column) for column in responses[c].reshape(len(forces), -1).T
+        ]
+        responses[c] = np.transpose(late).reshape(responses[c].shape)
+    return responses
+
+
+def _response_blocks(
+    record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array, channels: slice
+) -> Iterator[tuple[slice, Array]]:
+    """Yield samples with the responses of channels there, without delays (channels x … x joints x forces)."""
     model = record.model.moved(fit.eta)
     matrices, n, count = model.at(fit.eta), model.states, len(joints.names)
     # Forces are linear between samples: x' = A x + B (f + g t), f and g being states.
@@ -260,36 +326,27 @@ def _responses(
     # The state less what the last ramp gave to it: Phi y + (held - ramp + Phi ramp) f.
     C, forced = matrices.C[channels], held - ramp + Phi @ ramp
     direct = (gains[:, None] * joints.direct)[channels] + C @ ramp
-    responses = direct[:, None, :, None] * forces
 
-    def add(states: Array, first: int, last: int) -> None:
-        outputs = C @ states.reshape(-1, n).T
-        responses[:, first:last] += outputs.reshape(-1, last - first, count, _FORCES)
+    def outputs(states: Array, first: int, last: int) -> tuple[slice, Array]:
+        responses = direct[:, None, :, None] * forces[first:last]
+        responses += (C @ states.reshape(-1, n).T).reshape(responses.shape)
+        return slice(first, last), responses
 
     state = -(forces[0, ..., None] * ramp.T[:, None]).reshape(-1, n)
-    add(state, 0, 1)
-    longest = max(1, _MAX_RESPONSE_NUMBERS // (n * count * _FORCES))
+    yield outputs(state, 0, 1)
+    longest = min(_MAX_BLOCK_SAMPLES, max(1, _MAX_RESPONSE_NUMBERS // (n * count * _FORCES)))
     for first in range(0, len(forces) - 1, longest):
         last = min(first + longest, len(forces) - 1)
         forcing = forces[first:last, ..., None] * forced.T[:, None]
         states = recurrence(Phi, forcing.reshape(last - first, -1, n), state)
-        add(states, first + 1, last + 1)
+        yield outputs(states, first + 1, last + 1)
         state = states[-1]
-    delays = model.instruments.numbers(model.instruments.delays, named(record.unknowns, fit.eta)).value
-    for c in np.flatnonzero(delays[channels]):  # between samples
-        times = h * np.arange(len(forces))
-        late = [
-            np.interp(times - delays[channels][c], times, column)
-            for column in responses[c].reshape(len(forces), -1).T
-        ]
-        responses[c] = np.transpose(late).reshape(responses[c].shape)
-    return responses
 
 
 def _columns(
     record: TimeRecord,
     fit: RecordFit,
-    responses: Callable[[int], Array],
+    responses: _Responses,
     shared: Array,
     variances: Array | None,
     *,
@@ -297,36 +354,41 @@ def _columns(
 ) -> _Columns:
     """Return what free linear directions and first states leave of derivatives, responses and residual.
 
-    `responses`: of a channel to the forces (samples x any); `shared` (samples x any): regressors of any
+    `responses`: those to the forces at the joints; `shared` (samples x any): regressors of any
     linear structure; `variances`: those that channels are weighted by, default: what is left of them.
     `coloured`: the residuals are whitened.
     """
     p, n = record.model.parameters, record.model.states
-    rows, width = slice(0, len(shared)), responses(0).shape[1]
+    rows, width = slice(0, len(shared)), responses.count
     there = ~np.isnan(fit.residual[rows])
     total, sizes = np.zeros((n + p + width + 1,) * 2), np.zeros(n + p + width + 1)
     squares, degrees, weights = np.zeros(width), 0.0, np.ones(len(record.data.rms))
     basis = _range(shared) if there.all() else None
-    decays, products = None if coloured else record.decays(fit.eta), []
-    if decays is not None and basis is not None:  # the derivatives by the first state are combinations
-        D = decays.columns
-        beside = D - basis @ (basis.T @ D)
-        products = [D.T @ D, beside.T @ beside]
-    for c, predicted in record.channelwise(fit, by_state=decays is None):
-        rms, present = record.data.rms[c], there[:, c]
-        parts = predicted.by_state[rows, 0], predicted.by_parameter[rows, 0], responses(c)
-        own = np.column_stack([*parts, fit.residual[rows, c]])
-        own[~present] = 0.0
-        of_channel = shared if basis is None else shared * present[:, None]
-        Q = _range(of_channel) if basis is None else basis
-        inside, order = Q.T @ own, 0
-        gram, lengths = own.T @ own, np.sum(own**2, axis=0)
-        gram -= inside.T @ inside
-        if decays is not None:
-            W = decays.weights[c]
-            across = W.T @ (beside.T @ own)
-            gram = np.block([[W.T @ products[1] @ W, across], [across.T, gram]])
-            lengths = np.concatenate([np.einsum("ij,ij->j", W, products[0] @ W), lengths])
+    decays = None if coloured else record.decays(fit.eta)
+    channels: Iterable[tuple[int, Prediction | None]] = record.channelwise(fit)
+    if decays is not None and basis is not None:  # derivatives by the first state are combinations of these
+        channels = ((c, None) for c in range(len(weights)))
+        beside = decays.columns - basis @ (basis.T @ decays.columns)
+        grams, insides = responses.products(np.concatenate([basis, beside], axis=1))
+        of_decays = decays.columns.T @ decays.columns, beside.T @ beside
+    for c, predicted in channels:
+        rms, present, order = record.data.rms[c], there[:, c], 0
+        if predicted is None:
+            assert decays is not None
+            assert basis is not None
+            Q, W = basis, decays.weights[c]
+            inside, across = insides[: Q.shape[1], c], W.T @ insides[Q.shape[1] :, c]
+            gram, lengths = grams[c] - inside.T @ inside, grams[c].diagonal()
+            gram = np.block([[W.T @ of_decays[1] @ W, across], [across.T, gram]])
+            lengths = np.concatenate([np.einsum("ij,ij->j", W, of_decays[0] @ W), lengths])
+        else:
+            parts = predicted.by_state[rows, 0], predicted.by_parameter[rows, 0], responses.of_channel(c)
+            own = np.column_stack([*parts, fit.residual[rows, c]])
+            own[~present] = 0.0
+            of_channel = shared if basis is None else shared * present[:, None]
+            Q = _range(of_channel) if basis is None else basis
+            inside = Q.T @ own
+            gram, lengths = own.T @ own - inside.T @ inside, np.sum(own**2, axis=0)
         squares += gram.diagonal()[n + p : -1] / rms**2
         if coloured:
             left = np.where(present, own[:, -1] - Q @ inside[:, -1], np.nan)[:, None]
