@@ -17,6 +17,8 @@
   configs/chain_frf_modes.yaml.
 - chain_ambient.npz: accelerations (g) of that chain under random forces and a machine at 20 Hz (seed 5), for
   configs/chain_ambient.yaml.
+- process_delay.csv: a set point that is moved now and then, and what a process of gain 2, time constant 10 s
+  and dead time 3.2 s does in its PI loop (noise of 0.02, seed 9), for configs/process_delay.yaml.
 - rotor_mass.mtx, rotor_stiffness.mtx, rotor_gyroscopic.mtx: an overhung disc on a shaft, for
   configs/rotor.yaml.
 - eq25_mass.mtx, eq25_damping.mtx, eq25_stiffness.mtx: the reduced beam of Yang (1997), eq 25, with the
@@ -177,6 +179,31 @@ def ambient() -> None:
     np.savez_compressed(HERE / "chain_ambient.npz", a1=a1, a3=a3, a5=a5)
 
 
+def process() -> None:
+    """Write a record of a process with dead time in its loop: T y' + y = K u(t - L), u = kp e + ki ∫ e."""
+    rng, (K, T, L), (kp, ki) = np.random.default_rng(9), (2.0, 10.0, 3.2), (0.8, 0.08)
+    wanted = np.repeat(rng.integers(-2, 3, 12), 20).astype(float)
+    wanted[:20] = 1
+    step, fine = 0.5, 1000  # steps of Heun's method in each of the record; the delay is a multiple of them
+    h, late = step / fine, round(L * fine / step)
+    y = integral = 0.0
+    answers, outputs = np.zeros(len(wanted) * fine + late), []
+    for k in range(len(wanted) * fine):
+        if k % fine == 0:
+            outputs.append(y)
+        w = wanted[k // fine]
+        answers[k + late] = kp * (w - y) + ki * integral
+        rate = (K * answers[k] - y) / T
+        end = y + h * rate
+        moved = y + h / 2 * (rate + (K * answers[k + 1] - end) / T)
+        integral += h * (w - (y + moved) / 2)
+        y = moved
+    measured = np.array(outputs) + 0.02 * rng.standard_normal(len(wanted))
+    table = np.column_stack([step * np.arange(len(wanted)), wanted, measured])
+    head = "time (s),wanted,measured"
+    np.savetxt(HERE / "process_delay.csv", table, delimiter=",", header=head, comments="", fmt="%.6g")
+
+
 def matrices() -> None:
     """Write eq 25."""
     mass, stiffness = np.array(MASS), 1e4 * np.array(STIFFNESS)
@@ -222,4 +249,5 @@ if __name__ == "__main__":
     matrices()
     chain()
     ambient()
+    process()
     rotor()

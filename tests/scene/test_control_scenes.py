@@ -596,17 +596,18 @@ def test_at_most_eight_loops_have_a_delay():
         scene(LATE.replace("analysis:", f"{8 * loop}analysis:"))
 
 
-def test_identification_takes_no_delay():
-    text = LATE[: LATE.index("analysis:")].replace("bond-graph", "identification").replace("tau", "0.1")
+def test_identification_takes_delays_but_no_samples():
+    text = LATE[: LATE.index("analysis:")].replace("bond-graph", "identification")
     text += """
-parameters: {kt: {start: 0.05, true: 0.1}}
+parameters: {tau: {start: 0.05, true: 0.1}}
 excitation: [{source: target, kind: step}]
 measurement: {step: 0.002, samples: 10, channels: [{output: shaft.q}], simulate: {noise_ratio: 0.01}}
 """
-    with pytest.raises(SceneError, match="a loop with a delay is not identified"):
-        scene(text)
+    assert scene(text).model.control.delays
+    with pytest.raises(SceneError, match="'derived' is of finitely many poles and zeros"):
+        scene(text + "derived: [poles]\n")
     with pytest.raises(SceneError, match="a sampled loop is not identified"):
-        scene(text.replace("delay: 0.1", "sample: 0.1"))
+        scene(text.replace("delay: tau", "sample: tau"))
 
 
 def test_a_study_over_a_gain_of_a_controller_is_run_alone():

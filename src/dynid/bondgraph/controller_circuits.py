@@ -7,7 +7,7 @@ The states of a controller are flows of unit inertias (an analogue computer).
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise, zip_longest
@@ -77,6 +77,15 @@ class Loop:
     def delayed(self) -> bool:
         """True if it has a delay."""
         return bool(reference(self.delay)) or isinstance(self.delay, Dependent)
+
+    def at(self, values: Mapping[str, float]) -> Loop:
+        """Return it with exact numbers: those at values of the parameters that it depends on."""
+
+        def number(value: Real) -> Real:
+            return Fraction(value.at(values).value) if isinstance(value, Dependent) else value
+
+        above, below = ([number(entry) for entry in part] for part in (self.numerator, self.denominator))
+        return replace(self, numerator=above, denominator=below, delay=number(self.delay))
 
     def cut(self, reference: str = "") -> Loop:
         """Return it without an answer; its reference has that name where it had none."""

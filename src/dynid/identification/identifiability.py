@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynid.arrays import Array, guarded
+from dynid.arrays import Array, ComplexArray, guarded
 from dynid.errors import NotIdentifiable
 from dynid.identification.diagnosis.calibration import add_calibration_slopes, calibration_slopes
 from dynid.identification.diagnosis.equivalent_optima import expected_optima
@@ -20,6 +21,7 @@ from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.problem import Measured, Problem, identifiable_origin
+from dynid.identification.systems.delayed_loops import delayed_pole_slopes
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, Rebuild
 from dynid.lti.exponential import balance, rescaled
@@ -253,6 +255,10 @@ def _add_interchangeable(result: Result, model: Model, expected: ExpectedRecords
 
 def _system_pole_sensitivities(system: LinearSystem, values: Mapping[str, float]) -> PoleSensitivities:
     """Return the poles of a system other than zero with their derivatives: y' dA x / y' x of a simple one."""
+    if system.delayed:
+        poles, moved = delayed_pole_slopes(system.lft(values), system.loop_delays(values))
+        kept = poles.imag >= 0
+        return _sensitivities(poles[kept], moved[kept], ~np.isfinite(moved[kept]))
     from scipy.linalg import eig  # heavy import, needed here only
 
     matrices = system.at(values)
@@ -268,7 +274,14 @@ def _system_pole_sensitivities(system: LinearSystem, values: Mapping[str, float]
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = np.einsum("im,pij,jm->mp", y, slopes, x) / np.einsum("im,im->m", y, x)[:, None]
     defective = ~np.isfinite(moved) | (np.abs(np.einsum("im,im->m", y, x)) < _DEFECTIVE_COSINE)[:, None]
-    moved = np.where(defective, 0.0, moved)
+    return _sensitivities(poles, moved, defective)
+
+
+def _sensitivities(
+    poles: ComplexArray, slopes: ComplexArray, defective: NDArray[np.bool_]
+) -> PoleSensitivities:
+    """Return frequencies and damping of poles with their slopes, infinite where those of poles are."""
+    moved = np.where(defective, 0.0, slopes)
     omega = np.abs(poles)
     zeta = -poles.real / omega
     by_omega = np.real(poles.conj()[:, None] * moved) / omega[:, None]

@@ -305,7 +305,12 @@ def _model_of_record(model: Model, experiment: Experiment) -> ParametricModel:
     """Return the model of a record, with its loads as an estimator knows them."""
     record = experiment.measurement.record
     loads = sampled_loads(experiment.loads, record)
-    return parametric_model(model, loads, experiment.measurement.channels, record.times)
+    built = parametric_model(model, loads, experiment.measurement.channels, record.times)
+    if built.system.delayed:
+        from dynid.identification.systems.delayed_loops import check_rest
+
+        check_rest(built.signals, record, experiment.measurement.prepared)
+    return built
 
 
 def _record_class(model: ParametricModel) -> type[TimeRecord]:

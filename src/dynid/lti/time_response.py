@@ -47,6 +47,7 @@ class Timeline:
     W: Array  # generator states at the beginning of each interval and at the end (nodes x states)
     jumps: Array  # Dirac strengths (inputs) at t = 0
     jump_node: int  # the node at t = 0 if an impulse acts there, else -1
+    signals: Sequence[Signal]  # as they act
 
     def sample_of(self) -> Indices:
         """Return the index of every node among the requested times, or -1 (nodes)."""
@@ -101,7 +102,8 @@ def timeline(signals: Sequence[Signal], times: Array, start: float) -> Timeline:
     W = np.concatenate([np.empty((len(nodes), 0)), *(s.states(nodes, middles) for s in signals)], axis=1)
     zero = np.flatnonzero(nodes == 0.0) if np.any(jumps) else np.empty(0, dtype=np.int64)
     jump_node = int(zero[0]) if len(zero) else -1
-    return Timeline(nodes, lengths, which, np.searchsorted(nodes, times), G, H, W, jumps, jump_node)
+    wanted = np.searchsorted(nodes, times)
+    return Timeline(nodes, lengths, which, wanted, G, H, W, jumps, jump_node, signals)
 
 
 def _nodes(signals: Sequence[Signal], times: Array, start: float, impulse: bool) -> Array:

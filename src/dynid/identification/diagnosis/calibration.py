@@ -23,7 +23,7 @@ from dynid.identification.likelihood.shared_decays import sensitive_blocks, shar
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.frf_measurement import stacked, unstacked
 from dynid.identification.systems.parametric_model import freed_coordinates, freed_model
-from dynid.identification.systems.prediction import outputs_from
+from dynid.identification.systems.prediction import output_rates, outputs_from
 from dynid.parameters import Parameter
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
@@ -203,7 +203,7 @@ def _by_clock(record: TimeRecord, fit: RecordFit) -> Array | None:
     model = record.model
     if not model.has_samples and model.sampling is None and not model.instruments.unknown_delays:
         passed = (model.times - model.times[0])[:, None]
-        return np.asarray(passed * model.rates(fit.eta, fit.predicted.states))
+        return np.asarray(passed * output_rates(model, fit.eta, fit.predicted.states))
     span = float(np.ptp(model.times))
     if model.instruments.clocked:
         return None
@@ -234,7 +234,7 @@ def _by_loads(record: TimeRecord, fit: RecordFit) -> tuple[list[str], list[float
     if names and len(times) > 1 and model.sampling is None:
         names.append(DELAY)
         changes.append(float(f"{np.diff(times).min():.12g}"))  # as a scene writes it
-        columns.append(-model.rates(fit.eta, fit.predicted.states))
+        columns.append(-output_rates(model, fit.eta, fit.predicted.states))
     return names, changes, columns
 
 

@@ -226,6 +226,8 @@ _FIRST_PARTS = (32, 16, 4)
 # Starts around the given one: how many are drawn, how far from it (a factor), and how many are fitted to the
 # shortest part, on which the best by its misfit end at the optimum.
 _AROUND_LAWS, _BEST_STARTS = (32, 5.0), 8
+# Loops with delays: starts around the given one, and how far from it (a factor).
+_AROUND_DELAYS = (32, 4.0)
 # Responses: a search with the modes of a band is confirmed by an estimate of the whole model that differs by
 # less than this part of its standard errors.
 _CONFIRMED_DEVIATIONS = 0.1
@@ -267,6 +269,8 @@ class Auto:
                 return self._of_laws(likelihood, origin)
             if self.near is not None:
                 return OutputError(noise=self.near).run(likelihood, origin)
+            if any(record.system_model.delayed for record in likelihood.records):
+                return self._of_delays(likelihood, origin)
             return self._of_records(likelihood, origin)
         if isinstance(likelihood, FrfLikelihood):
             return self._of_responses(likelihood, origin)
@@ -342,6 +346,27 @@ class Auto:
             if search.accepted or search.agreed or search.cut_off:
                 return search.best()
         search.draw(parts[0], [parts], origin)
+        return search.best()
+
+    def _of_delays(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
+        """Estimate from records of loops with delays: from the start, and from the best of starts around it.
+
+        Neither segments nor first parts guide: what is under way at their ends, or before the first answer
+        arrives, is no part of them.
+        """
+        search, (count, reach) = Search(likelihood), _AROUND_DELAYS
+        search.attempt("the start", partial(guided, (), origin))
+        if not self.multi_start or (search.accepted and not search.vague):
+            return search.best()
+        drawn = drawn_starts(likelihood.priors, origin, count, reach, 0)
+        for number, place in enumerate(order_of(likelihood, drawn)[:_BEST_STARTS], 1):
+            search.cut_off = search.left <= 0
+            if search.cut_off and search.tried:
+                break
+            name = f"start {number} of {_BEST_STARTS}"
+            search.attempt(name, partial(guided, (), drawn[place]), drawn=True)
+            if search.agreed or (search.accepted and not search.vague):
+                break
         return search.best()
 
     def _of_responses(self, likelihood: FrfLikelihood, origin: Array) -> Estimate:

@@ -72,6 +72,7 @@ class Filter:
                 names=("estimator.method", "estimator"),
             )
         check_one_clock(likelihood)
+        check_states(likelihood, "the filter")
         histories = run_passes(likelihood, origin, self.passes, sigma_points=self.sigma_points)
         fit = likelihood.fit(last(likelihood, histories))
         return Estimate(fit, histories, [EstimationStage.at("filter", likelihood, fit)])
@@ -187,6 +188,16 @@ def _sweep(
         return filter_pass(record.model, record.data.values, prior, noise[k], origin)
 
     return chained(likelihood, priors, passed)
+
+
+def check_states(likelihood: TimeLikelihood, method: str) -> None:
+    """Refuse records of loops with delays, of which no finite state is estimated sample by sample."""
+    if any(record.system_model.delayed for record in likelihood.records):
+        raise UsageError(
+            f"{method} estimates a state, and that of a loop with a delay has what is under way in it, too",
+            remedy="Use estimator: {method: auto} or output-error.",
+            names=("estimator.method", "estimator"),
+        )
 
 
 def first_noise(likelihood: TimeLikelihood) -> list[Array]:

@@ -23,7 +23,13 @@ from dynid.arrays import Array
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage
 from dynid.identification.estimators.filter import Pass, check_run_away
-from dynid.identification.estimators.filter_passes import chained, check_one_clock, last, wide_prior
+from dynid.identification.estimators.filter_passes import (
+    chained,
+    check_one_clock,
+    check_states,
+    last,
+    wide_prior,
+)
 from dynid.identification.information import RECORD
 from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
@@ -60,6 +66,7 @@ class InvariantImbedding:
 
         Raises Diverged if the integration breaks down, or parameters run away.
         """
+        check_states(likelihood, "invariant imbedding")
         if not all(record.superposes for record in likelihood.records):
             raise UsageError(
                 "eqs 19 and 20 are integrated for a linear model, and a joint has nonlinear laws",

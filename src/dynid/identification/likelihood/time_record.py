@@ -59,6 +59,8 @@ _MAX_SHARED_NUMBERS = 8_000_000
 _MIN_RECORD_EVALUATIONS = 256
 # The exponential of a matrix and each of its derivatives take so many products of its size.
 _TRANSITION_WORK = 30
+# A sample of a record of loops with delays takes as long as so many multiplications, whatever the size.
+_DELAYED_WORK = 100_000
 # The first part of a large record, one in so many, from which an estimate begins.
 _FIRST_PART = 8
 # Part of a step by which times differ by round-off.
@@ -274,6 +276,8 @@ class TimeRecord(RecordLikelihood):
     def evaluation_work(self) -> int:
         """Multiplications of a prediction with its sensitivities, about."""
         n = len(self.system_model.states)
+        if self.system_model.delayed:
+            return _DELAYED_WORK * len(self.times)
         return (len(self.times) + _TRANSITION_WORK * n) * n**2 * (1 + len(self.unknowns))
 
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:
@@ -389,12 +393,16 @@ class TimeRecord(RecordLikelihood):
         free, steps = free_prediction(self.model, eta, channels)
         return prediction(self.model, eta, start, free, steps)
 
-    def state_slopes(self, fit: RecordFit) -> Array | None:  # noqa: ARG002
+    def state_slopes(self, fit: RecordFit) -> Array | None:
         """Return the derivatives of the states (times x n, scaled) by first states and coordinates (… x q).
 
         None where they follow from the transition matrices.
         """
-        return None
+        if not self.system_model.delayed:
+            return None
+        from dynid.identification.systems.delayed_prediction import delayed_state_slopes
+
+        return delayed_state_slopes(self.model.moved(fit.eta), fit.eta, fit.predicted.start)
 
     # Noise model.
 

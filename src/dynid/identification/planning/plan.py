@@ -92,6 +92,12 @@ def plan(
     """
     if not experiments:
         raise UsageError("there is no record to plan for", names=("measurement",))
+    if isinstance(model, IdentifiedGraph) and model.delayed:
+        raise UsageError(
+            "there is no plan for a graph with a delay in a loop",
+            remedy="Compare designs by the bounds of simulated records.",
+            names=("control",),
+        )
     request = request or PlanRequest()
     present = identifiability(model, experiments[:1], truth)
     names = [unknown.name for unknown in model.unknowns]

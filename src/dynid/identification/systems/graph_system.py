@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real
-from dynid.arrays import Array
+from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Node, Port, port_fault
 from dynid.bondgraph.parametric_equations import ParametricEquations
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular, UsageError
 from dynid.identification.records.measurement import Simulation
+from dynid.identification.systems.delayed_loops import DelayedAnswer, delayed_poles, delayed_response
+from dynid.identification.systems.instruments import Instruments
 from dynid.identification.systems.linear_system import LinearSystem, Responses, StateVariable
 from dynid.lti.signals import Impulse, Signal
 from dynid.lti.state_space import Matrices, StateSpace
@@ -114,6 +116,8 @@ class IdentifiedGraph:
         Stored energy at t = 0 of simulated records: the flow of an I, the effort of a C, by name.
     variables
         Variables of the graph by the names that a scene gives them, where these differ.
+    delayed
+        Answers of loops with delays, which are cut in `graph`.
 
     Raises
     ------
@@ -127,9 +131,10 @@ class IdentifiedGraph:
         parameters: Sequence[Parameter],
         initial: Mapping[str, float] | None = None,
         variables: Mapping[Port, Port] | None = None,
+        delayed: Sequence[DelayedAnswer] = (),
     ) -> None:
         self.graph, self.parameters, self.initial = graph, tuple(parameters), dict(initial or {})
-        self.variables = dict(variables or {})
+        self.variables, self.delayed = dict(variables or {}), tuple(delayed)
         self._units = GraphUnits(graph)
         storages = [name for name, node in graph.nodes.items() if node.type in STORAGES]
         for name in self.initial:
@@ -146,7 +151,7 @@ class IdentifiedGraph:
 
     def with_parameters(self, parameters: Sequence[Parameter]) -> IdentifiedGraph:
         """Return the model with other unknown and considered parameters."""
-        return IdentifiedGraph(self.graph, parameters, self.initial, self.variables)
+        return IdentifiedGraph(self.graph, parameters, self.initial, self.variables, self.delayed)
 
     def with_known_storages(self, parameters: Sequence[Parameter]) -> IdentifiedGraph:
         """Return the model with other `parameters`, and an unknown factor, 1, of each known I and C.
@@ -163,15 +168,16 @@ class IdentifiedGraph:
             return self.with_parameters(parameters)
         changed = nodes | {node.name: node for node in factors.values()}
         graph = BondGraph(changed.values(), self.graph.bonds)
-        factors_of_storages = [Parameter(factor, 1.0) for factor in factors]
-        return IdentifiedGraph(graph, (*parameters, *factors_of_storages), self.initial, self.variables)
+        unknowns = (*parameters, *(Parameter(factor, 1.0) for factor in factors))
+        return IdentifiedGraph(graph, unknowns, self.initial, self.variables, self.delayed)
 
     def load(self, source: str, signal: Signal, gain: Real = 1.0, delay: Real = 0.0) -> SourceLoad:
         """Return the load of a source, with its unit.
 
         Raises UsageError if there is no such source.
         """
-        nodes = self.graph.nodes
+        late = {answer.source for answer in self.delayed}
+        nodes = {name: node for name, node in self.graph.nodes.items() if name not in late}
         if source not in nodes or nodes[source].type not in SOURCES:
             sources = [name for name, node in nodes.items() if node.type in SOURCES]
             raise UsageError(
@@ -221,7 +227,7 @@ class IdentifiedGraph:
         loads: Sequence[SourceLoad],
         channels: Sequence[GraphChannel],
         times: Array,
-        source: Simulation,  # noqa: ARG002 - its settling time is in the times; the energy is `initial`
+        source: Simulation,
     ) -> TimeResponse:
         """Return the exact, noise-free response at the true values, from the stored energy at t = 0.
 
@@ -233,6 +239,8 @@ class IdentifiedGraph:
         values = true_values(self.unknowns)
         system = self.system(loads, channels)
         system.check()
+        if self.delayed:
+            return self._simulated_with_delays(system, values, times, source)
         space, start = system.state_space(values), system.started(values, self.initial)
         if any(channel.filters for channel in channels):
             from dynid.identification.systems.filtered_system import filtered_space, filters_of
@@ -240,6 +248,29 @@ class IdentifiedGraph:
             space = filtered_space(space, filters_of(channels), values)
             start = np.pad(start, (0, len(space.A) - len(start)))
         return propagate(space, system.signals, times, start)
+
+    def _simulated_with_delays(
+        self, system: GraphSystem, values: Mapping[str, float], times: Array, source: Simulation
+    ) -> TimeResponse:
+        """Return the response of loops with delays by the method of steps."""
+        from dynid.lti.delay_system import DelaySystem
+
+        if source.settle:
+            raise UsageError(
+                "a record of a loop with a delay begins at rest, before which nothing was under way",
+                remedy="Leave out `settle`.",
+                names=("measurement.simulate.settle", "settle"),
+            )
+        matrices, (delays, _) = system.lft(values), system.loop_delays(values)
+        n, m, nu = len(matrices.A), len(delays), len(system.signals)
+        start = system.started(values, self.initial)[:, None]
+        B = np.concatenate([matrices.B[:, :nu], start, matrices.B[:, nu:]], axis=1)
+        C = np.concatenate([matrices.C[:-m], np.eye(n), matrices.C[-m:]])
+        direct = np.insert(np.insert(matrices.D, nu, 0.0, axis=2), [len(matrices.C) - m] * n, 0.0, axis=1)
+        lft = StateSpace(matrices.A, B, C, direct[0], tuple(direct[1:]))
+        delayed = DelaySystem(lft, tuple(map(Fraction, delays.tolist())))
+        response = delayed.response([*system.signals, Impulse(1.0)], times)
+        return TimeResponse(response.outputs[:, :-n], response.outputs[:, -n:], response.inputs[:, :nu])
 
 
 class GraphSystem(LinearSystem):
@@ -270,7 +301,9 @@ class GraphSystem(LinearSystem):
             model.load(*load[:2])
         ports = list(dict.fromkeys(model.channel(channel.port).port for channel in channels))
         sources = list(dict.fromkeys(load.source for load in loads))
-        self._reduced = ReducedGraph(model.graph, sources, ports, traced=False)
+        self.delayed, late = model.delayed, [answer.source for answer in model.delayed]
+        answers = [answer.answer for answer in model.delayed if answer.answer not in ports]
+        self._reduced = ReducedGraph(model.graph, [*sources, *late], [*ports, *answers], traced=False)
         self._equations = ParametricEquations(self._reduced, self._names)
         self._columns = [sources.index(load.source) for load in loads]
         self._rows = [ports.index(channel.port) for channel in channels]
@@ -278,7 +311,10 @@ class GraphSystem(LinearSystem):
         self.states = tuple(
             StateVariable(str(state.port), units.of_output(state.port)) for state in self._equations.states
         )
-        self.unreached = tuple(name for name in self._names if name not in self._equations.reached)
+        numbers = (answer.delay for answer in model.delayed)
+        late_names = (number.names for number in numbers if isinstance(number, Dependent))
+        reached = self._equations.reached.union(*late_names)
+        self.unreached = tuple(name for name in self._names if name not in reached)
 
     def check(self) -> None:
         """Refuse loads of which a channel follows a derivative that is an impulse, and graphs without states.
@@ -294,6 +330,30 @@ class GraphSystem(LinearSystem):
             )
         for load in self._loads:
             _check_smooth(load, self._equations.orders[load.source])
+        if self.delayed:
+            self._check_delays()
+
+    def _check_delays(self) -> None:
+        """Refuse what no record of loops with delays is predicted with."""
+        if any(self._equations.orders[answer.source] > 0 for answer in self.delayed):
+            raise UsageError(
+                "a channel, or what a controller measures, follows the derivative of a delayed answer",
+                remedy="Add a filter to the controller (tf of a PID), or measure another variable.",
+                names=("control",),
+            )
+        instruments = Instruments.of((), self._loads, self._channels)
+        if instruments.delayed or instruments.clocked:
+            raise UsageError(
+                "beside a loop with a delay channels and excitation have no delays or clocks of their own",
+                remedy="Leave them out; shift or resample the record beforehand.",
+                names=("measurement.channels", "excitation"),
+            )
+        if any(channel.filters for channel in self._channels):
+            raise UsageError(
+                "beside a loop with a delay channels have no filters",
+                remedy="Leave out their high_pass and low_pass.",
+                names=("measurement.channels",),
+            )
 
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the value of every unknown: those given, else the reference."""
@@ -307,8 +367,24 @@ class GraphSystem(LinearSystem):
         Raises Singular if the equations change their form there: a divisor vanishes. Raises NumericalError
         if an entry leaves the range of doubles.
         """
+        return self._matrices(values, self._rows, self._columns)
+
+    def lft(self, values: Mapping[str, float]) -> Matrices:
+        """Return the matrices with the delayed answers as last inputs, and the answers as last outputs."""
+        inputs, outputs = self._equations.inputs, self._reduced.outputs
+        columns = [inputs.index(answer.source) for answer in self.delayed]
+        rows = [outputs.index(answer.answer) for answer in self.delayed]
+        return self._matrices(values, [*self._rows, *rows], [*self._columns, *columns])
+
+    def poles(self, values: Mapping[str, float]) -> ComplexArray:
+        """Return the poles, 1/s; with delays in loops those of slow motions."""
+        if not self.delayed:
+            return super().poles(values)
+        return delayed_poles(self.lft(values), self.loop_delays(values))
+
+    def _matrices(self, values: Mapping[str, float], rows: Sequence[int], columns: Sequence[int]) -> Matrices:
+        """Return the matrices of these outputs and inputs of the equations."""
         A, B, C, D, dA, dB, dC, dD = self._equations.at(self._complete(values))
-        rows, columns = self._rows, self._columns
         return Matrices(
             A,
             B[:, columns],
@@ -397,6 +473,8 @@ class GraphSystem(LinearSystem):
 
         Raises Singular if a response is infinite.
         """
+        if self.delayed:
+            return delayed_response(self.lft(values), self.loop_delays(values), omega)
         shape = len(omega), len(self._rows), len(self._columns)
         H, slopes = np.empty(shape, dtype=complex), np.empty((*shape, len(self._names)), dtype=complex)
         rest = omega == 0.0

@@ -15,7 +15,9 @@ from typing import Any, NamedTuple, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arithmetic.dependent import evaluated
 from dynid.arrays import Array, ComplexArray
+from dynid.errors import NumericalError
 from dynid.identification.records.measurement import Simulation
 from dynid.lti.frequency_response import on_a_pole
 from dynid.lti.signals import Signal
@@ -71,6 +73,8 @@ class LinearSystem(ABC):
     states: tuple[StateVariable, ...]  # the states (n)
     signals: list[Signal]  # the acting inputs, one a load
     evaluations: int = 0  # how often frequency responses were computed
+    #: Answers of loops that act a delay later: with any the state alone does not determine what follows.
+    delayed: Sequence[Any] = ()
 
     @abstractmethod
     def at(self, values: Mapping[str, float]) -> Matrices:
@@ -116,6 +120,19 @@ class LinearSystem(ABC):
     def affine(self) -> Affine | None:
         """The matrices as affine functions of the parameters; None where they are not."""
         return None
+
+    def lft(self, values: Mapping[str, float]) -> Matrices:
+        """Return the matrices with the delayed answers as last inputs, and the answers as last outputs."""
+        return self.at(values)
+
+    def loop_delays(self, values: Mapping[str, float]) -> tuple[Array, Array]:
+        """Return the delays of its loops (m), s, and their derivatives by the values (p x m)."""
+        numbers = [evaluated(answer.delay, values) for answer in self.delayed]
+        slopes = [[number.slopes.get(unknown.name, 0.0) for number in numbers] for unknown in self.unknowns]
+        delays = np.array([number.value for number in numbers])
+        if not np.all(delays > 0):
+            raise NumericalError("a delay of a loop is not positive", remedy="Give it a limit (`min`).")
+        return delays, np.array(slopes, dtype=float).reshape(len(self.unknowns), len(delays))
 
     def poles(self, values: Mapping[str, float]) -> ComplexArray:
         """Return the poles at values of the parameters, 1/s."""

@@ -146,13 +146,32 @@ class ParametricModel:
                 matrices = _scaled(self.instruments.applied(self.system.at(at), at), self.scale)
             else:
                 matrices = self.affine.at(theta)
-            slopes = (
-                slope * rate.reshape(-1, *(1 for _ in slope.shape[1:])) if slope.any() else slope
-                for slope in matrices[4:]
-            )
             self._last.clear()
-            self._last[key] = Matrices(*matrices[:4], *slopes)
+            self._last[key] = _by_coordinates(matrices, rate)
         return self._last[key]
+
+    def lft(self, eta: Array) -> Matrices:
+        """Return the scaled matrices as of `at`, those of loops that are cut included.
+
+        The delayed answers are the last inputs, the answers the last outputs.
+        """
+        at, instruments = named(self.unknowns, eta), self.instruments
+        ones, zeros = ((number,) * len(self.system.delayed) for number in (1.0, 0.0))
+        padded = replace(
+            instruments,
+            load_gains=(*instruments.load_gains, *ones),
+            load_delays=(*instruments.load_delays, *zeros),
+            gains=(*instruments.gains, *ones),
+            delays=(*instruments.delays, *zeros),
+            clocks=(*instruments.clocks, *(None for _ in ones)),
+        )
+        matrices = _scaled(padded.applied(self.system.lft(at), at), self.scale)
+        return _by_coordinates(matrices, rates(self.unknowns, eta))
+
+    def loop_delays(self, eta: Array) -> tuple[Array, Array]:
+        """Return the delays in loops (m), s, and their derivatives by the coordinates (p x m)."""
+        delays, slopes = self.system.loop_delays(named(self.unknowns, eta))
+        return delays, slopes * rates(self.unknowns, eta)[:, None]
 
     def transition(self, eta: Array, h: float) -> Transition:
         """Return the exact step over h at these coordinates, with its derivatives."""
@@ -335,7 +354,9 @@ class ParametricModel:
         return np.asarray(rate)
 
     def poles(self, eta: Array) -> NDArray[np.complex128]:
-        """Return the poles at these coordinates (n), 1/s."""
+        """Return the poles at these coordinates (n), 1/s; with delays in loops those of slow motions."""
+        if self.system.delayed:
+            return self.system.poles(named(self.unknowns, eta))
         return np.asarray(np.linalg.eigvals(self.at(eta).A), dtype=complex)
 
     def driven_by(self, loads: Sequence[int]) -> ParametricModel:
@@ -380,7 +401,8 @@ def model_of_system(
     initials, prescribed = system.prescribed(float(line.nodes[0]))
     if prescribed.any() and any(load.delay for load in loads):
         raise UsageError("a prescribed motion cannot be delayed", names=("excitation",))
-    in_blocks = compiled() and sampling is None and not instruments.unknown_delays  # nor own clocks
+    moving = instruments.unknown_delays or system.delayed
+    in_blocks = compiled() and sampling is None and not moving  # nor own clocks
     if in_blocks:  # sensitivities are held in blocks of samples, or of channels
         _check_numbers(len(line.nodes) * len(d) + _COPIES * len(channels) * len(times))
     else:
@@ -569,6 +591,15 @@ def with_fixed(model: Model, fixed: Mapping[str, float]) -> Model:
         parts = {term.key: fix(getattr(joint, term.key), fixed[term.name]) for term in held}
         joints.append(replace(joint, **parts) if parts else joint)
     return changed.joined(joints)
+
+
+def _by_coordinates(matrices: Matrices, rate: Array) -> Matrices:
+    """Return matrices with slopes by the coordinates, given those by the values, and the rates of these."""
+    slopes = (
+        slope * rate.reshape(-1, *(1 for _ in slope.shape[1:])) if slope.any() else slope
+        for slope in matrices[4:]
+    )
+    return Matrices(*matrices[:4], *slopes)
 
 
 def _scaled(matrices: Matrices, d: Array) -> Matrices:

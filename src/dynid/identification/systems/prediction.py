@@ -76,6 +76,10 @@ def free_prediction(model: ParametricModel, eta: Array, channels: slice = ALL_CH
     """
     model = model.moved(eta)
     line, n, readout = model.line, model.states, Readout.of(model, eta, channels)
+    if model.system.delayed:
+        from dynid.identification.systems.delayed_prediction import delayed_free
+
+        return Free(*delayed_free(model, eta, channels), readout), []
     if kernels_used(model):
         from dynid.identification.systems import kernels
 
@@ -116,6 +120,10 @@ def prediction(
     model, readout = model.moved(eta), free.readout
     n, p = model.states, model.parameters
     C, C_slopes, direct = readout.C, readout.C_slopes, readout.direct
+    if model.system.delayed:
+        from dynid.identification.systems.delayed_prediction import delayed_prediction
+
+        return Prediction(*delayed_prediction(model, eta, x0, readout.channels), free.by_state)
     if not isinstance(steps, list):
         from dynid.identification.systems import kernels
 
@@ -167,9 +175,18 @@ def sensitive_runs(
         x, slope = path[-1], slopes[-1]
 
 
+def output_rates(model: ParametricModel, eta: Array, states: Array) -> Array:
+    """Return the derivatives of the outputs by time (times x channels), as of `ParametricModel.rates`."""
+    if not model.system.delayed:
+        return model.rates(eta, states)
+    from dynid.identification.systems.delayed_prediction import delayed_rates
+
+    return delayed_rates(model, eta, states[0])
+
+
 def kernels_used(model: ParametricModel) -> bool:
-    """Return True if predictions are compiled: those in which no jump of an input moves."""
-    return compiled() and not model.has_moving_jumps
+    """Return True if predictions are compiled: those in which no jump of an input, nor an answer, moves."""
+    return compiled() and not (model.has_moving_jumps or model.system.delayed)
 
 
 def outputs_from(model: ParametricModel, eta: Array, start: Array, blocks: Sequence[slice]) -> Array:

@@ -43,6 +43,7 @@ class Readout:
     """
 
     model: ParametricModel
+    channels: slice
     C: Array
     C_slopes: Array
     direct: DirectTerm
@@ -53,7 +54,7 @@ class Readout:
         if model.instruments.clocked:
             return _ClockedReadout.at(model, eta, channels)
         C, C_slopes = model.output(eta)
-        return cls(model, C[channels], C_slopes[:, channels], model.direct(eta, channels))
+        return cls(model, channels, C[channels], C_slopes[:, channels], model.direct(eta, channels))
 
     def gathered(self, values: Array) -> Array:
         """Return values at the nodes (nodes x rows x …) as channels record them (times x channels x …)."""
@@ -92,6 +93,7 @@ class _ClockedReadout(Readout):
         value_of_inputs, slopes_of_inputs = _direct(model, eta, channels, R, R_slopes)
         return cls(
             model,
+            channels,
             C.reshape(-1, C.shape[-1]),
             C_slopes.reshape(len(eta), -1, C.shape[-1]),
             DirectTerm(value_of_inputs, slopes_of_inputs),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from dynid.bondgraph.graph import BondGraph
+from dynid.identification.systems.delayed_loops import DelayedAnswer, cut_graph
 from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.model_scope import ScopePart, add_model_scope, divided, scope_parts
 from dynid.result import Result
@@ -44,7 +45,10 @@ def identified_graph(scene: Scene[IdentificationScene]) -> tuple[IdentifiedGraph
     variables = dict(zip(asked, built.outputs, strict=True))
     stored = {str(name): energy.e if energy.f is None else energy.f for name, energy in model.initial.items()}
     initial = {name: float(quantity or 0) for name, quantity in stored.items()}
-    graph = IdentifiedGraph(built.graph, all_parameters(model), initial, variables)
+    cut, delayed = built.graph, tuple[DelayedAnswer, ...]()
+    if built.opened is not None and any(loop.delayed for loop in built.loops):
+        cut, delayed = cut_graph(built.opened, built.loops)
+    graph = IdentifiedGraph(cut, all_parameters(model), initial, variables, delayed)
     outputs = tuple(variables[output] for output in (analysis.outputs if analysis else ()))
     return graph, built._replace(outputs=outputs)
 
@@ -80,7 +84,10 @@ def run_graph(scene: Scene[IdentificationScene]) -> Result:
         from dynid.bondgraph.analysis import analyse
 
         estimated_graph = with_values(built.graph, values)
-        request = graph_analysis(scene, model.graph_analysis, built._replace(graph=estimated_graph))
+        opened = None if built.opened is None else with_values(built.opened, values)
+        loops = tuple(loop.at(values) for loop in built.loops)
+        estimated = built._replace(graph=estimated_graph, opened=opened, loops=loops)
+        request = graph_analysis(scene, model.graph_analysis, estimated)
         analysed = analyse(estimated_graph, request, scene.title)
         parts = scope_parts(analysed, "bond_graph")
         result.merge(analysed.without("bond_graph/need/"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
+from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from pydantic import BaseModel
@@ -26,8 +27,9 @@ M = TypeVar("M", bound="SceneModel")
 def unknown_parameters(model: SceneModel) -> tuple[Parameter, ...]:
     """Return the unknown parameters of a scene in its order; those of joints are not among them.
 
-    One without a `scale` is linear where an offset, a delay or a drift depends on it, else logarithmic.
-    Raises `UsageError` if a number does not fit the scale; it names the parameter.
+    One without a `scale` is linear where an offset, a delay or a drift of an instrument depends on it, else
+    logarithmic, as the delay of a loop is positive. Raises `UsageError` if a number does not fit the scale;
+    it names the parameter.
     """
     from dynid.parameters import Parameter  # loads NumPy
 
@@ -36,10 +38,11 @@ def unknown_parameters(model: SceneModel) -> tuple[Parameter, ...]:
     unknown = {name: entry for name, entry in defined.items() if entry.start is not None}
     linear: frozenset[str] = frozenset()
     if any(entry.scale is None for entry in unknown.values()):
+        parts = (value for name, value in model if name != "control")
         linear = linear.union(
             *(
                 quantity.dependent.names
-                for key, quantity in quantities(model)
+                for key, quantity in chain.from_iterable(map(quantities, parts))
                 if key in _SIGNED and quantity.dependent
             )
         )

@@ -412,9 +412,7 @@ class ControlModel(Section):
         if linear and self.states:
             message = "gains are designed for a graph of fixed values, and this one is identified; "
             yield (key, AT_KEY), message + "write them as 'loops', each {from, to, controller: {gain: …}}"
-        if linear and self.delays:
-            yield (*self.delays[0][1:], AT_KEY), f"a loop with a delay is not identified; {DELAY_REMEDY}"
-        elif len(self.delays) > _MAX_DELAYS:
+        if len(self.delays) > _MAX_DELAYS:
             yield ("loops", AT_KEY), f"at most {_MAX_DELAYS} loops may have a delay"
 
     def _period_faults(self, *, linear: bool) -> Iterator[Located]:

@@ -290,6 +290,11 @@ class IdentificationScene(ComposedScene):
         for name in ("derived", "posterior_check"):
             if getattr(self, name) and self.measurement is None:
                 raise fault(f"'{name}' follows from an estimate; there is no 'measurement'")
+        if self.derived and self.control is not None and self.control.delays:
+            raise fault(
+                "'derived' is of finitely many poles and zeros, and a loop with a delay has infinitely many; "
+                "leave it out: 'analysis' gives the poles at the estimate"
+            )
         if self.posterior_check and self.estimator.loss == "huber":
             raise fault("'posterior_check' needs the likelihood; the loss 'huber' has none")
         return self
