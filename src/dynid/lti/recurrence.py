@@ -19,18 +19,25 @@ _MIN_BLOCKED_STEPS = 8
 
 
 def recurrence(
-    Phi: Array, forcing: Array, start: Array, power: Callable[[int], Array | None] | None = None
+    Phi: Array,
+    forcing: Array,
+    start: Array,
+    power: Callable[[int], Array | None] | None = None,
+    powers: Array | None = None,
 ) -> Array:
     """Return the states of ``x(k+1) = Phi x(k) + f(k)`` after each step (steps x columns x n).
 
     `forcing` is f, `start` the first states (columns x n). `power` returns Phi^k more accurately than k
     products of the rounded Phi, or None: over many steps the rounding of Phi accumulates; with it only inside
-    a block.
+    a block. `powers`: Phi, Phi², … (count x n x n), if they are ready: up to the root of the steps.
     """
     steps, columns, n = forcing.shape
     out = np.empty(forcing.shape)
     length = math.isqrt(steps)
-    powers = powers_of(Phi, length) if steps >= _MIN_BLOCKED_STEPS and n else Phi[None]
+    if steps < _MIN_BLOCKED_STEPS or not n:
+        powers = Phi[None]
+    else:
+        powers = powers_of(Phi, length) if powers is None else powers[:length]
     if steps < _MIN_BLOCKED_STEPS or not (
         n and np.isfinite(powers[-1]).all()
     ):  # powers overflow, but the state may be 0
@@ -54,7 +61,7 @@ def recurrence(
         start = at_rest + start @ over.T
     rows += starts.reshape(-1, n) @ powers.swapaxes(1, 2)
     out[:full].reshape(blocks, length, columns, n)[:] = inside.swapaxes(0, 1)
-    out[full:] = recurrence(Phi, forcing[full:], start, power)
+    out[full:] = recurrence(Phi, forcing[full:], start, power, powers)
     return out
 
 

@@ -26,6 +26,9 @@ from dynid.identification.systems.prediction import (
 )
 from dynid.progress import report_progress
 
+# Most blocks whose decays are factorised before they are merged.
+_MAX_PARTS = 8
+
 
 class SensitiveBlock(NamedTuple):
     """Prediction of some samples (k), whose numbers are `samples`, with its derivatives by the coordinates.
@@ -114,21 +117,31 @@ def shared_triangles(decays: FreeDecays, blocks: Iterable[tuple[NDArray[np.int64
     They are block triangular, with the products of these columns. `blocks`: samples (k), and the columns of
     all channels at these (k x w x channels).
     """
-    before: tuple[Array, Array, Array] | None = None
+    parts: list[tuple[Array, Array]] = []  # R of blocks of decays, and what their ranges have
+    rest = np.zeros((0, 0))
     w = channels = 0
+
+    def absorb(*rows: Array) -> Array:
+        """Return triangles (w x w channels) of the columns' rows outside of the ranges and those before."""
+        stacked = np.concatenate([*rows, rest] if len(rest) else rows).reshape(-1, w, channels).swapaxes(1, 2)
+        none = np.zeros((*stacked.shape[:2], 0)), np.zeros(stacked.shape[:2]), np.ones(channels)
+        triangles, _ = kernels.triangles(none[0], stacked, *none[1:])
+        return triangles[:, :w, :w].transpose(1, 2, 0).reshape(w, -1)
+
+    def merged() -> Array:
+        """Join the parts, and return what their range leaves."""
+        R, inside, left = _projected(*map(np.concatenate, zip(*parts, strict=True)))
+        parts[:] = [(R, inside)]
+        return left
+
     for samples, columns in blocks:
         _, w, channels = columns.shape
         R, inside, left = _projected(decays.columns[samples], columns.reshape(len(samples), -1))
-        rows = [left]
-        if before is not None:
-            R, inside, left = _projected(*map(np.concatenate, zip(before[:2], (R, inside), strict=True)))
-            rows += [left, before[2]]
-        stacked = np.concatenate(rows).reshape(-1, w, channels).swapaxes(1, 2)
-        none = np.zeros((*stacked.shape[:2], 0)), np.zeros(stacked.shape[:2]), np.ones(channels)
-        triangles, _ = kernels.triangles(none[0], stacked, *none[1:])
-        before = R, inside, triangles[:, :w, :w].transpose(1, 2, 0).reshape(w, -1)
-    assert before is not None
-    R, inside, rest = before
+        parts.append((R, inside))
+        rest = absorb(left, merged()) if len(parts) > _MAX_PARTS else absorb(left)
+    if len(parts) > 1:
+        rest = absorb(merged())
+    R, inside = parts[0]
     n = decays.columns.shape[1]
     factors = np.zeros((channels, n + w, n + w))
     factors[:, : len(R), :n] = R @ decays.weights

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Array
 from dynid.identification.systems.parametric_model import ParametricModel, Transition
 from dynid.identification.systems.readout import Readout
-from dynid.lti.recurrence import free_response, recurrence
+from dynid.lti.recurrence import free_response, powers_of, recurrence
 from dynid.native import compiled
 
 if TYPE_CHECKING:
@@ -160,15 +161,19 @@ def sensitive_runs(
     if sample_of[0] >= 0:
         yield sample_of[:1], x, np.zeros((1, p, len(C)))
     longest = max(1, min(_LONGEST_RUN, _MAX_RUN_NUMBERS // ((1 + p) * n)))
+    powers, powers_k = np.empty((0, n, n)), -1
     for first, last, k in runs(model.line.which, longest):
         (Phi, gamma), (Phi_slopes, gamma_slopes) = (
             (matrix[..., :n], matrix[..., n:]) for matrix in (steps[k].step, steps[k].derivatives)
         )
-        W = model.W[first:last]
-        path = recurrence(Phi, (W @ gamma.T)[:, None], x)
+        W, count = model.W[first:last], math.isqrt(last - first)
+        if k != powers_k or len(powers) < count:
+            powers, powers_k = powers_of(Phi, count), k
+        path = recurrence(Phi, (W @ gamma.T)[:, None], x, powers=powers)
         driven = np.concatenate([x[None], path[:-1]])[:, 0] @ Phi_slopes.swapaxes(1, 2)
         driven = (driven + W @ gamma_slopes.swapaxes(1, 2)).swapaxes(0, 1)
-        slopes = recurrence(Phi, driven if jumps is None else driven + jumps[first:last], slope)
+        driven = driven if jumps is None else driven + jumps[first:last]
+        slopes = recurrence(Phi, driven, slope, powers=powers)
         samples = sample_of[first + 1 : last + 1]
         kept = samples >= 0
         yield samples[kept], path[kept, 0], (slopes[kept].reshape(-1, n) @ C.T).reshape(-1, p, len(C))
