@@ -15,7 +15,7 @@ from dynid.identification.records.measurement import Simulation
 from dynid.identification.systems.frf_system import FrfSystem
 from dynid.lti.signals import Multisine
 from dynid.parameters import coordinates, starts
-from dynid.structure.joint_laws import BoucWen, Cubic, Gap, Jenkins
+from dynid.structure.joint_laws import BoucWen, Cubic, Gap, Iwan, Jenkins
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law
@@ -28,6 +28,7 @@ LAWS = {
     "cubic": (Cubic(), (4e5,), (0.2, 0.5, 1.0)),
     "jenkins": (Jenkins(), (300.0, 0.5), (0.3, 0.8, 1.5)),
     "gap": (Gap(), (3e3, 3e-3, 1.0), (0.2, 0.5)),
+    "iwan": (Iwan(), (300.0, 0.5, -0.3, 0.5), (0.3, 1.5)),
     "bouc_wen": (BoucWen(), (300.0, 60.0, 20.0), (0.3, 1.5)),
 }
 

@@ -29,7 +29,9 @@ from dynid.structure.joint_laws import (
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law
-from dynid.structure.nonlinear.cycle import basis, cycle_force
+from dynid.structure.nonlinear.cycle import cycle_force
+from dynid.structure.nonlinear.floquet import Stability
+from dynid.structure.nonlinear.fourier import basis
 from dynid.structure.nonlinear.steady_states import GROUP, harmonic_balance
 from dynid.structure.ports import Channel, Load
 from dynid.structure.response import frequency_response, time_response
@@ -43,6 +45,8 @@ LAWS = {
     "bouc_wen, n = 2": BoundLaw(BoucWen(2.0), (2.0, 1.5, -0.5)),
     "gap": BoundLaw(Gap(), (5.0, 0.4, 0.0)),
     "damped gap with an offset": BoundLaw(Gap("positive"), (5.0, 0.4, 0.7), 0, 0.1),
+    "iwan": BoundLaw(Iwan(), (3.0, 1.0, -0.3, 0.5)),
+    "iwan, not slipping as a whole": BoundLaw(Iwan(), (3.0, 5.0, 0.2, 0.5)),
     "coulomb": BoundLaw(Coulomb(), (2.0, 0.5)),
     "power": BoundLaw(Power(1, 1, ("v",)), (2.0,)),
     "quadratic_damping": BoundLaw(QuadraticDamping(), (2.0,)),
@@ -98,11 +102,33 @@ def test_the_force_of_a_slider_is_that_of_small_steps():
     assert coefficients[:11] == pytest.approx(expected, abs=1e-8)
 
 
+def test_the_force_of_an_iwan_joint_is_that_of_many_sliders():
+    (kt, fs, chi, beta), sliders, steps = (3.0, 1.0, -0.3, 0.5), 4000, 4000
+    a = chi + 1
+    phi = fs * (1 + beta) / (kt * (beta + a / (a + 1)))
+    limit = np.append(phi * ((np.arange(sliders) + 0.5) / sliders) ** (1 / a), phi)
+    stiffness = np.append(np.full(sliders, kt / (1 + beta) / sliders), kt * beta / (1 + beta))
+    theta = 2 * np.pi * np.arange(steps) / steps
+    motion = np.array([0.0, 0.25, 0.0, 0.0, 0.0, 0.3, -0.2])  # with minor loops
+    force, z = np.empty(2 * steps), np.zeros(sliders + 1)
+    for index, value in enumerate(np.tile(basis(theta, 3)[0] @ motion, 2).tolist()):
+        z = np.clip(z, value - limit, value + limit)
+        force[index] = stiffness @ (value - z)
+    expected = 2 / steps * basis(theta, 9)[0].T @ force[steps:]
+    expected[0] /= 2
+    law = BoundLaw(Iwan(), (kt, fs, chi, beta))
+    assert cycle_force(law, motion, 1.0).coefficients == pytest.approx(expected, abs=2e-4)
+
+
+def known(parameters):
+    return [JointParameter(value, signed=value < 0) for value in parameters]
+
+
 def masses(law, *parameters, dofs=(1, 2), links=None):
     """Return two masses with a law between them, or at one of them."""
     if links is None:
         links = [Link((1,), 1000.0, 2.0), Link((2,), 500.0, 1.0)]
-    joint = Joint("j", dofs, laws=(joint_law(law, [JointParameter(value) for value in parameters]),))
+    joint = Joint("j", dofs, laws=(joint_law(law, known(parameters)),))
     return lumped([1.0, 1.2], links).joined([joint])
 
 
@@ -112,7 +138,7 @@ def cantilever(law, *parameters):
         6, 1.0, 500.0, 3.0, supports=[Support(1, ("w", "theta"))], damping=ProportionalDamping(1.0, 1e-5)
     )
     tip = bare.dofs[-2]
-    joint = Joint("j", (tip,), laws=(joint_law(law, [JointParameter(value) for value in parameters]),))
+    joint = Joint("j", (tip,), laws=(joint_law(law, known(parameters)),))
     return bare.joined([joint]), tip
 
 
@@ -139,6 +165,7 @@ def after_a_long_time(model, dof, amplitude, omega, periods=300, samples=64):
         (Cubic(), (1e6,), 1.0, 47.0, 1e-8),
         (Jenkins(), (300.0, 0.3), 0.5, 42.7, 1e-5),
         (Gap(), (3e3, 0.005, 0.0), 0.5, 44.5, 1e-5),
+        (Iwan(), (300.0, 0.3, -0.3, 0.5), 1.5, 44.0, 1e-5),
     ],
 )
 def test_a_steady_state_is_a_long_time_response(law, parameters, amplitude, stop, error):
@@ -212,6 +239,20 @@ def test_unstable_states_are_periodic_and_stability_changes_at_folds():
         theta = 2 * np.pi * np.arange(65) / 64
         motion = motion_at(response[index], theta)
         assert motion == pytest.approx(over.sol(theta / w)[1], abs=1e-8 * amplitude[index])
+
+
+@pytest.mark.parametrize(
+    ("multipliers", "name"),
+    [
+        ([0.9, -0.99], ""),
+        ([1.2, -0.5], "fold"),
+        ([-1.3, 1.1], "period doubling"),
+        ([0.8 + 0.7j, 0.8 - 0.7j], "Neimark-Sacker"),
+    ],
+)
+def test_instabilities_are_named_by_the_largest_multiplier(multipliers, name):
+    verdict = Stability(np.array(multipliers, dtype=complex), 0.0)
+    assert (verdict.instability, verdict.stable) == (name, not name)
 
 
 def test_small_motions_are_linear():
@@ -347,9 +388,6 @@ def test_refusals():
     massless = lumped([1.0, 0.0], [Link((1,), 1000.0), Link((1, 2), 500.0)]).joined(model.joints)
     with pytest.raises(UsageError, match="needs mass everywhere"):
         harmonic_balance(massless, 1, 5.0, 25.0, 50.0)
-    iwan = masses(Iwan(), 300.0, 1.0, 0.0, 1.0)
-    with pytest.raises(UsageError, match="iwan"):
-        harmonic_balance(iwan, 1, 5.0, 25.0, 50.0)
     hysteretic = lumped([1.0, 1.2], [Link((1,), 1000.0, eta=0.1), Link((2,), 500.0)]).joined(model.joints)
     with pytest.raises(UsageError, match="steady state by harmonic balance"):
         harmonic_balance(hysteretic, 1, 5.0, 25.0, 50.0)

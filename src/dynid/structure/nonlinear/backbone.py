@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynid.arrays import Array, ComplexArray
-from dynid.structure.nonlinear.cycle import further_harmonics, to_complex, to_real
+from dynid.structure.nonlinear.fourier import further_harmonics, to_complex, to_real
 from dynid.structure.nonlinear.harmonic_balance import Condensed, ForcedResponse, turned
 
 

@@ -5,22 +5,31 @@ law is followed from guard to guard, each event is located on the trigonometric 
 regime is integrated in closed form where it is affine, else by Clenshaw–Curtis quadrature. Coefficients and
 derivatives have no error of sampling, also with friction, whose derivatives are continuous in the deflection
 alone.
-
-A periodic function is ``c_0 + sum c_h cos(h theta) + s_h sin(h theta)``, stored as [c_0, c_1, s_1, c_2, …].
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
 from dynid.structure.joint_laws import BoundLaw, Slopes
+from dynid.structure.nonlinear.fourier import (
+    basis,
+    clenshaw_curtis,
+    derivatives,
+    further_harmonics,
+    multiplied,
+    rate_of,
+    sampled,
+    series,
+    to_chebyshev,
+    to_real,
+)
+from dynid.structure.nonlinear.masing import MasingCycle
 
 # Points of a cycle at which guards are scanned for their first zero, over the highest harmonic.
 _SCAN = 16
@@ -61,97 +70,6 @@ class CycleForce(NamedTuple):
     hidden: tuple[float, int]
 
 
-def to_complex(coefficients: Array) -> ComplexArray:
-    """Return amplitudes a_h of ``Re sum a_h exp(i h theta)`` (H + 1 x …) from coefficients (2 H + 1 x …)."""
-    first = coefficients[:1].astype(complex)
-    return np.concatenate([first, coefficients[1::2] - 1j * coefficients[2::2]])
-
-
-def to_real(amplitudes: ComplexArray) -> Array:
-    """Return Fourier coefficients (2 H + 1 x …) of amplitudes (H + 1 x …)."""
-    out = np.empty((2 * len(amplitudes) - 1, *amplitudes.shape[1:]))
-    out[0], out[1::2], out[2::2] = amplitudes[0].real, amplitudes[1:].real, -amplitudes[1:].imag
-    return out
-
-
-def series(theta: Array, harmonics: int) -> Array:
-    """Return the functions of a Fourier series at angles (angles x 2 H + 1)."""
-    powers = np.cumprod(np.broadcast_to(np.exp(1j * theta)[:, None], (len(theta), harmonics)), axis=1)
-    T = np.empty((len(theta), 2 * harmonics + 1))
-    T[:, 0], T[:, 1::2], T[:, 2::2] = 1.0, powers.real, powers.imag
-    return T
-
-
-def basis(theta: Array, harmonics: int) -> tuple[Array, Array]:
-    """Return the functions of a Fourier series at angles, and their derivatives (angles x 2 H + 1)."""
-    T = series(theta, harmonics)
-    return T, _derivatives(T)
-
-
-def _derivatives(T: Array) -> Array:
-    order, D = np.arange(1, T.shape[1] // 2 + 1), np.zeros_like(T)
-    D[:, 1::2], D[:, 2::2] = -order * T[:, 2::2], order * T[:, 1::2]
-    return D
-
-
-def _rate(q: Array) -> Array:
-    """Return the coefficients of the derivatives of series by the angle (… x 2 H + 1)."""
-    order, out = np.arange(1, q.shape[-1] // 2 + 1), np.zeros_like(q)
-    out[..., 1::2], out[..., 2::2] = order * q[..., 2::2], -order * q[..., 1::2]
-    return out
-
-
-def further_harmonics(harmonics: int) -> int:
-    """Return the highest harmonic of the force that is computed, to see what a truncation leaves out."""
-    return harmonics + 6
-
-
-@cache
-def _sampled(harmonics: int, samples: int) -> tuple[Array, Array, Array]:
-    """Return the basis at equal angles, its derivative, and the projection on it (2 J + 1 x samples)."""
-    theta = 2 * np.pi * np.arange(samples) / samples
-    T, D = basis(theta, further_harmonics(harmonics))
-    projection = T.T * (2 / samples)
-    projection[0] /= 2
-    size = 2 * harmonics + 1
-    return np.ascontiguousarray(T[:, :size]), np.ascontiguousarray(D[:, :size]), projection
-
-
-@cache
-def _products(rows: int, columns: int) -> tuple[NDArray[np.int_], Array, NDArray[np.int_], Array]:
-    """Return products of two functions of a series as halves of sums of two others, with signs.
-
-    Indices into ``[C_0, …, C_(J+H), S_0, …, S_(J+H)]``, cosines and sines (2 J + 1 x 2 H + 1), J = `rows`.
-    """
-    j, k = ((np.arange(2 * n + 1)[:, None] + 1) // 2 for n in (rows, columns))
-    of_j, of_k = ((np.arange(2 * n + 1)[:, None] % 2 == 0) & (np.arange(2 * n + 1)[:, None] > 0)
-                  for n in (rows, columns))  # fmt: skip
-    k, of_k = k.T, of_k.T
-    sines = (of_j ^ of_k) * (rows + columns + 1)
-    of_sum = np.where(of_j & of_k, -0.5, 0.5)
-    of_difference = np.where(of_j ^ of_k, 0.5 * np.sign(np.where(of_j, j - k, k - j)), 0.5)
-    return j + k + sines, of_sum, np.abs(j - k) + sines, of_difference
-
-
-@cache
-def _clenshaw_curtis(n: int) -> tuple[Array, Array, Array]:
-    """Return nodes in [0, 1] (n), weights, and the matrix of integrals from 0 to each node (n x n)."""
-    chebyshev, x = np.polynomial.chebyshev, _nodes(n)
-    integrals = chebyshev.chebint(np.eye(n), lbnd=-1, scl=0.5)
-    at = chebyshev.chebvander(2 * x - 1, n) @ integrals @ _to_chebyshev(n)
-    return x, at[-1], at
-
-
-def _nodes(n: int) -> Array:
-    return np.asarray((1 - np.cos(np.pi * np.arange(n) / (n - 1))) / 2)
-
-
-@cache
-def _to_chebyshev(n: int) -> Array:
-    """Return the matrix from values at the nodes to coefficients of Chebyshev polynomials (n x n)."""
-    return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _nodes(n) - 1, n - 1)))
-
-
 def cycle_force(
     law: BoundLaw,
     q: Array,
@@ -167,6 +85,10 @@ def cycle_force(
 
     Raises NumericalError if a loop does not close or a regime changes without end.
     """
+    if law.law.remembers:
+        masing, size = MasingCycle(law, q, parameters=parameters), len(q)
+        by_motion, by_parameters = masing.slopes[:, :size], masing.slopes[:, size:]
+        return CycleForce(masing.coefficients, by_motion, np.zeros(size), by_parameters, (0.0, 0))
     if not law.law.hidden and not law.guards(law.regime(0.0, 0.0, 0.0), 0.0, 0.0, 0.0):
         return _smooth(law, q, omega, parameters=parameters)
     return _Cycle(law, q, omega, parameters=parameters).closed(hidden)
@@ -177,7 +99,7 @@ def _smooth(law: BoundLaw, q: Array, omega: float, *, parameters: bool) -> Cycle
     harmonics = len(q) // 2
     samples = max(64, 1 << (8 * harmonics + 7).bit_length())
     while True:
-        T, D, projection = _sampled(harmonics, samples)
+        T, D, projection = sampled(harmonics, samples)
         rate = D @ q
         f = law.force(0, T @ q, omega * rate, 0.0)
         size = np.abs(np.fft.rfft(np.broadcast_to(f.value, samples)))
@@ -214,7 +136,7 @@ class _Segment(NamedTuple):
         if self.weights is not None:
             return self
         low, length = self.theta[0], self.theta[1] - self.theta[0]
-        x, weights, _ = _clenshaw_curtis(16 + 8 * int(np.ceil(length * (harmonics + 1) / 6)))
+        x, weights, _ = clenshaw_curtis(16 + 8 * int(np.ceil(length * (harmonics + 1) / 6)))
         return self._replace(theta=low + length * x, weights=length * weights)
 
 
@@ -231,7 +153,7 @@ class _Cycle:
         self.parameters = len(law.values) + 1 if parameters else 0
         self.columns = len(q) + 2 + self.parameters
         samples = max(128, _SCAN * self.harmonics)
-        T, D, _ = _sampled(self.harmonics, samples)
+        T, D, _ = sampled(self.harmonics, samples)
         self.scan = np.linspace(0.0, 2 * np.pi, samples + 1)[1:]
         d, v = T @ q, omega * (D @ q)
         self.d, self.v = (np.concatenate([x[1:], x[:1]]) for x in (d, v))
@@ -340,7 +262,7 @@ class _Cycle:
         of_d, of_v = self._motion(panel.theta)
         guards = self.law.guards(regime, of_d[1:], of_v[1:], panel.z[1:])
         values = [_along(guard.function.value, len(panel.theta) - 1) for guard in guards]
-        series = _to_chebyshev(_PANEL_NODES) @ panel.z
+        series = to_chebyshev(_PANEL_NODES) @ panel.z
 
         def hidden(theta: float) -> float:
             return float(np.polynomial.chebyshev.chebval(2 * (theta - low) / (high - low) - 1, series))
@@ -402,11 +324,11 @@ class _Cycle:
 
     def _motion(self, theta: Array) -> tuple[Array, Array]:
         T = series(theta, self.harmonics)
-        return T @ self.q, self.omega * (T @ _rate(self.q))
+        return T @ self.q, self.omega * (T @ rate_of(self.q))
 
     def _collocated(self, low: float, high: float, z: float, slopes: Array, regime: int) -> _Segment:
         """Return a panel whose hidden state has its rate at all nodes (Newton), with its columns."""
-        x, weights, integrals = _clenshaw_curtis(_PANEL_NODES)
+        x, weights, integrals = clenshaw_curtis(_PANEL_NODES)
         theta, S = low + (high - low) * x, integrals * ((high - low) / self.omega)
         d, v = self._motion(theta)
         state = np.full(len(x), z)
@@ -501,7 +423,7 @@ class _Cycle:
         self, parts: Sequence[tuple[_Segment, Slopes]], coefficients: Array, slopes: Array
     ) -> None:
         """Add the coefficients of affine forces and their slopes, integrated in closed form."""
-        size, rate = len(self.q), _rate(self.q)
+        size, rate = len(self.q), rate_of(self.q)
         further = len(coefficients) // 2
         order = np.arange(1, further + self.harmonics + 1)
         ends = np.array([segment.theta for segment, _ in parts])
@@ -516,13 +438,13 @@ class _Cycle:
         coefficients += series @ rest
         slopes += (series[:size] * of_z / np.pi) @ np.array([segment.slopes[0] for segment, _ in parts])
         if any(of_d):
-            by_d = _multiplied(integrals.T @ of_d, further, self.harmonics)
+            by_d = multiplied(integrals.T @ of_d, further, self.harmonics)
             coefficients += by_d @ self.q
             slopes[:, :size] += by_d[:size]
         if any(of_v):
-            by_v = _multiplied(integrals.T @ of_v, further, self.harmonics)
+            by_v = multiplied(integrals.T @ of_v, further, self.harmonics)
             coefficients += self.omega * (by_v @ rate)
-            slopes[:, :size] -= self.omega * _rate(by_v[:size])
+            slopes[:, :size] -= self.omega * rate_of(by_v[:size])
             slopes[:, size] += by_v[:size] @ rate
 
     def _add_curved(self, segments: Sequence[_Segment], coefficients: Array, slopes: Array) -> None:
@@ -531,7 +453,7 @@ class _Cycle:
         T = series(np.concatenate([s.theta for s in segments]), len(coefficients) // 2)
         rows = T.T * (np.concatenate([s.weights for s in segments]) / np.pi)
         rows[0] /= 2
-        d, v = T[:, :size] @ self.q, self.omega * (T[:, :size] @ _rate(self.q))
+        d, v = T[:, :size] @ self.q, self.omega * (T[:, :size] @ rate_of(self.q))
         value, by_d, by_v = np.empty((3, len(d)))
         first = 0
         for segment in segments:
@@ -551,20 +473,8 @@ class _Cycle:
         coefficients += rows @ value
         slopes[:, :size] += (rows[:size] * by_d) @ T[:, :size]
         if by_v.any():
-            slopes[:, :size] += (rows[:size] * by_v) @ (self.omega * _derivatives(T[:, :size]))
+            slopes[:, :size] += (rows[:size] * by_v) @ (self.omega * derivatives(T[:, :size]))
             slopes[:, size] += rows[:size] @ (by_v * v / self.omega)
-
-
-def _multiplied(window: NDArray[Any], rows: int, columns: int) -> Array:
-    """Return the matrix by which a window multiplies a series (2 J + 1 x 2 H + 1).
-
-    `window`: integrals of ``window exp(i h theta)`` over a cycle (J + H + 1).
-    """
-    parts = np.concatenate([window.real, window.imag])
-    of_sum, sum_sign, of_difference, difference_sign = _products(rows, columns)
-    matrix = (parts[of_sum] * sum_sign + parts[of_difference] * difference_sign) / np.pi
-    matrix[0] /= 2
-    return np.asarray(matrix)
 
 
 def _along(value: Array | float, length: int) -> Array:

@@ -22,7 +22,8 @@ from dynid.structure.joint_laws import BoundLaw
 from dynid.structure.model import StructuralModel
 from dynid.structure.model_laws import model_laws
 from dynid.structure.nonlinear.continuation import Point, solve_at
-from dynid.structure.nonlinear.cycle import CycleForce, cycle_force, further_harmonics, to_complex, to_real
+from dynid.structure.nonlinear.cycle import CycleForce, cycle_force
+from dynid.structure.nonlinear.fourier import further_harmonics, to_complex, to_real
 from dynid.structure.state_space import massless_motion
 
 # Coupling of modes by dampers, relative to their own damping, that is round-off.
@@ -31,7 +32,7 @@ _CLASSICAL_TOL = 1e-12
 _RIGID_TOL = 1e-12
 # What harmonics that are left out would deflect, relative to the deflection: of smooth laws, and of others,
 # whose harmonics decay by powers.
-_SMOOTH_TAIL, _KINKED_TAIL = 1e-10, 3e-6
+_SMOOTH_TAIL, _KINKED_TAIL = 1e-10, 1e-6
 # Part of that below which the highest harmonics are dropped again, and how many of them.
 _NEEDED, _SPARE = 0.3, 4
 # Smallest part of the amplitude by which the first steady state grows.
@@ -98,12 +99,6 @@ def condensed(model: StructuralModel, values: Mapping[str, float], omega: float)
             names=("structure",),
         )
     laws = tuple(law.bound for law in model_laws(model.joints, values))
-    if any(law.law.remembers for law in laws):
-        raise UsageError(
-            "steady states by harmonic balance do not cover laws that remember reversals (iwan)",
-            remedy="Replace it by several jenkins laws in parallel.",
-            names=("joints",),
-        )
     rows = model.deflections()
     k, c = np.zeros((2, len(rows)))
     for law in laws:

@@ -14,8 +14,8 @@ from dynid.structure.labels import Label, unsigned
 from dynid.structure.model import StructuralModel
 from dynid.structure.nonlinear.backbone import BackboneCurve
 from dynid.structure.nonlinear.continuation import MAX_STEP, solve_at, trace
-from dynid.structure.nonlinear.cycle import basis, to_real
 from dynid.structure.nonlinear.floquet import FloquetAnalysis
+from dynid.structure.nonlinear.fourier import basis, to_real
 from dynid.structure.nonlinear.harmonic_balance import (
     MAX_HARMONICS,
     Condensed,
@@ -80,7 +80,8 @@ def harmonic_balance(
         )
     load, row = (structure.shapes.T @ model.row(at) for at in (dof, dof if output is None else output))
     equations = ForcedResponse(structure, load, amplitude, harmonics)
-    floquet = FloquetAnalysis(structure, load, amplitude) if stability else None
+    remembers = any(law.law.remembers for law in structure.laws)
+    floquet = FloquetAnalysis(structure, load, amplitude) if stability and not remembers else None
     states = _Curve()
     notes = states.follow(equations, floquet, row, (start, stop), points, max_step)
     motions, omega = states.motions, np.array(states.omega)
@@ -102,6 +103,8 @@ def harmonic_balance(
         result.add(f"{GROUP}/instability", states.instability, ("point",))
     folds = int(np.count_nonzero(np.diff(np.sign(np.diff(omega)))))
     result.annotate(GROUP, force=amplitude, folds=folds, dof=str(dof), output=str(read), complete=not notes)
+    if stability and remembers:
+        notes += ["stability is not computed with laws that remember reversals (iwan)"]
     peak = int(np.abs(response[:, 1]).argmax())
     if states.left_out > structure.tail:
         notes += [

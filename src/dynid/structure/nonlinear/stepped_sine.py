@@ -21,7 +21,8 @@ from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.model_laws import ModelLaw, model_laws
 from dynid.structure.nonlinear.continuation import solve_at, trace
-from dynid.structure.nonlinear.cycle import cycle_force, to_complex, to_real
+from dynid.structure.nonlinear.cycle import cycle_force
+from dynid.structure.nonlinear.fourier import to_complex, to_real
 from dynid.structure.nonlinear.harmonic_balance import (
     MAX_HARMONICS,
     Condensed,
