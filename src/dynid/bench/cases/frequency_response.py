@@ -224,7 +224,7 @@ TREE = Benchmark(
     ),
     error=lambda junctions, response: distance(response, partial(_exact_tree, junctions), count=5),
     default=lambda _: "reduction",
-    full=(10_000, 50_000),
+    full=(10_000, 100_000),
 )
 
 

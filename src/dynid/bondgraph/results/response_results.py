@@ -107,8 +107,8 @@ def add_frequency_response(
     ]
     if (
         not known_poles
-        and _may_resonate(reduced)
         and 0 < modelled_storages(reduced) <= PEAKS_NEAR_POLES.value
+        and _may_resonate(reduced)
     ):
         from dynid.bondgraph.graph_state_space import state_space
 
