@@ -244,6 +244,47 @@ def test_steady_states_are_requested_in_a_scene(tmp_path):
     assert figure.table.columns[-1] == "stable"
 
 
+_STEPPED = """
+dynid: 1
+kind: identification
+structure: {lumped: {masses: [1], links: [{dofs: [1], k: 1000, c: 2}]}}
+joints: {j: {dofs: [1], laws: [{kind: cubic, k3: {start: 9.0e4}}]}}
+measurement:
+  channels: [{dof: 1, quantity: displacement, reference: {dof: 1, amplitude: 1}}]
+  frf: {unit: Hz, file: {path: sines.csv, frequency: f, columns: [[re, im]]}}
+"""
+
+
+@pytest.mark.thorough
+def test_laws_are_identified_from_stepped_sines_in_a_file(tmp_path):
+    from dynid.structure.nonlinear.steady_states import harmonic_balance
+
+    model = structure_of(steady(tmp_path))
+    curve = harmonic_balance(model, 1, 1.0, 8 * np.pi, 10 * np.pi, stability=False, backbone=False)
+    omega, first = (curve[f"response/harmonic_balance/{name}"].data for name in ("omega", "response"))
+    rows = [
+        f"{w / (2 * np.pi):.17g},{x.real:.17g},{x.imag:.17g}" for w, x in zip(omega, first[:, 1], strict=True)
+    ]
+    (tmp_path / "sines.csv").write_text("\n".join(["f,re,im", *rows]))
+    (tmp_path / "scene.yaml").write_text(_STEPPED)
+    result = dynid.run(load_scene(tmp_path / "scene.yaml"))
+    assert result["identification/parameters/estimate"].data == pytest.approx(1e5, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ((", amplitude: 1}", "}"), "cannot identify nonlinear 'laws'; state the 'amplitude'"),
+        (("amplitude: 1}", "sweep: down}"), "a 'sweep' is that of a stepped sine"),
+        (("{dof: 1, amplitude: 1}", "{source: F, amplitude: 1}"), "not of the source of a graph"),
+    ],
+)
+def test_stepped_sines_that_make_no_sense_are_refused(tmp_path, change, message):
+    (tmp_path / "scene.yaml").write_text(_STEPPED.replace(*change))
+    with pytest.raises(SceneError, match=message):
+        load_scene(tmp_path / "scene.yaml")
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -333,7 +333,15 @@ class IdentificationScene(ComposedScene):
 
     @model_validator(mode="after")
     def _steady_states_fit(self) -> Self:
-        if self.responses is not None and not any(j.laws for _, j in sections(self.joints, JointModel)):
+        has_laws = any(joint.laws for _, joint in sections(self.joints, JointModel))
+        if has_laws and self.measurement is not None and self.measurement.frf is not None:
+            for channel in self.measurement.channels or ():
+                if channel.reference is not None and channel.reference.amplitude is None:
+                    raise fault(
+                        "a frequency response is linear and cannot identify nonlinear 'laws'; state the "
+                        "'amplitude' of the force in each 'reference' of a stepped sine, or leave 'laws' out"
+                    )
+        if self.responses is not None and not has_laws:
             raise fault(
                 "no joint has nonlinear 'laws': the steady state under a sine is the frequency response; ask "
                 "for 'analysis: {frequency: …}'"
