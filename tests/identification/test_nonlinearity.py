@@ -5,7 +5,7 @@ import pytest
 
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify
-from dynid.identification.likelihood import nonlinearity as score
+from dynid.identification.likelihood import joint_responses as responses
 from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Multisine, Sampled, Sine
@@ -164,7 +164,7 @@ def test_sliders_show_friction_that_functions_of_the_motion_do_not():
 def test_a_slider_is_elastic_up_to_its_slip():
     motions = np.array([[0.1, -0.2], [0.2, -0.2], [0.6, 0.0], [0.4, 0.4], [0.1, 0.1], [-0.2, 0.2]])
     elastic = [[0.1, -0.2], [0.2, -0.2], [0.3, 0.0], [0.1, 0.3], [-0.2, 0.0], [-0.3, 0.1]]
-    assert score._slider(motions, 0.3) == pytest.approx(np.array(elastic))
+    assert responses._slider(motions, 0.3) == pytest.approx(np.array(elastic))
 
 
 WRONG = {
@@ -191,7 +191,7 @@ def test_a_slider_clips_step_by_step(times):
     for step in np.diff(d, axis=0, prepend=0.0):
         elastic = np.clip(elastic + step, -0.5, 0.5)
         expected.append(elastic)
-    assert score._slider(d, 0.5) == pytest.approx(np.array(expected), abs=1e-13)
+    assert responses._slider(d, 0.5) == pytest.approx(np.array(expected), abs=1e-13)
 
 
 def test_responses_are_derivatives_by_the_forces_at_zero():
@@ -203,8 +203,8 @@ def test_responses_are_derivatives_by_the_forces_at_zero():
         {f"{n}.{x}": JOINTS[n][i] for n in JOINTS for i, x in enumerate("kc")}
     )
     unit = np.ones((2, 1, 2))
-    forces = score._forces(score._motions(record.model, fit, ports) / unit)
-    columns = score._responses(record, fit, ports, forces, slice(None))
+    forces = responses.forces_of(responses.motions_of(record.model, fit, ports) / unit)
+    columns = responses._responses(record, fit, ports, forces, slice(None))
     for joint, (term, law) in enumerate([(4, lambda d, _: d**3), (5, lambda _, v: abs(v) * v)]):
         slope = motion(signal, law, joint, response=True)
         column = columns[:, :, joint, term]
@@ -314,7 +314,7 @@ def test_a_lack_of_fit_quotes_the_test():
 def test_nothing_is_tested_where_nothing_of_it_is_wanted(monkeypatch):
     signal = drive(1)
     values = noisy(linear(signal), 1)
-    monkeypatch.setattr(score, "_responses", lambda *_: pytest.fail("computed"))
+    monkeypatch.setattr(responses, "_response_blocks", lambda *_: pytest.fail("computed"))
 
     class Estimates(Result):
         def wants(self, path):

@@ -17,16 +17,23 @@ what the forces do not, the test is repeated beside it, whitened: large linear e
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array, ComplexArray, finite
+from dynid.arrays import Array, ComplexArray
 from dynid.defaults import LACK_OF_FIT, NONLINEAR
+from dynid.identification.likelihood.joint_responses import (
+    FORCES,
+    TERMS,
+    JointResponses,
+    forces_of,
+    motions_of,
+)
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit
 from dynid.identification.likelihood.saturated_model import (
@@ -39,30 +46,15 @@ from dynid.identification.likelihood.saturated_record import shared_regressors
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.noise import ColouredNoise, estimated
 from dynid.identification.statistics import log_f_tail
-from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.identification.systems.prediction import Prediction, Trajectory
 from dynid.identification.systems.structure_system import JointPorts, StructureSystem
-from dynid.lti.exponential import exponential
-from dynid.lti.recurrence import recurrence
 from dynid.number_format import p_text, short_percent
 from dynid.parameters import named
-from dynid.progress import report_progress
 
-#: The forces, of relative displacement d and velocity v.
-TERMS = ("d|d|", "d2", "|d|v", "dv", "d3", "|v|v")
-# Displacements at which sliders slip, as parts of the largest one: others share most of their response.
-_SLIPS = (0.125, 0.5)
-_FORCES = len(TERMS) + len(_SLIPS)
 # Terms that are even in the motion.
 _EVEN = ("d2", "dv")
 # Most numbers of a record's columns: of a longer record the first samples are tested.
 _MAX_NUMBERS = 30_000_000
-# Most numbers of the responses of a block of channels: 96 MB.
-_MAX_HELD_NUMBERS = 12_000_000
-# Numbers of the states of the responses after which these are carried on: they do not fill the memory.
-_MAX_RESPONSE_NUMBERS = 400_000
-# Most samples of which products are taken at once.
-_MAX_BLOCK_SAMPLES = 256
 # Eigenvalues of products of unit columns below this part of the largest are linear dependence, to rounding.
 _RANK_TOL = 1e-9
 # Part of a column's square that is left beside others below which it is one of them, to rounding.
@@ -142,7 +134,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
     if not tested or not tested[0][-1].names:
         return None
     tested = [(*_first_samples(record, record_fit, joints), joints) for record, record_fit, joints in tested]
-    motions = [_motions(record.model, record_fit, joints) for record, record_fit, joints in tested]
+    motions = [motions_of(record.model, record_fit, joints) for record, record_fit, joints in tested]
     units = np.max([np.abs(motion).max(axis=1) for motion in motions], axis=0)[:, None]
     units = np.where(units > 0, units, 1.0)
     names, p = tested[0][-1].names, len(likelihood.unknowns)
@@ -166,7 +158,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
     regressors = []
     for (record, record_fit, joints), motion in zip(tested, motions, strict=True):
         shared = shared_regressors(record, record_fit).values
-        regressors.append((shared, _Responses(record, record_fit, joints, _forces(motion / units))))
+        regressors.append((shared, JointResponses(record, record_fit, joints, forces_of(motion / units))))
     coloured = not white or any(record.colour is not None for record, _, _ in tested)
     first, _ = test(free=False, coloured=coloured)
     if first.nonlinear_p > _FREED_LEVEL:
@@ -185,7 +177,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
 
 def _first_samples(record: TimeRecord, fit: RecordFit, joints: JointPorts) -> tuple[TimeRecord, RecordFit]:
     """Return a record and its fit, of a long one the first samples, as many as columns are held of."""
-    width = record.model.parameters + record.model.states + len(joints.names) * _FORCES + 1
+    width = record.model.parameters + record.model.states + len(joints.names) * FORCES + 1
     rows = _MAX_NUMBERS // (len(record.data.rms) * width + _MAX_FREE_REGRESSORS)
     if rows >= len(record.times):
         return record, fit
@@ -194,159 +186,10 @@ def _first_samples(record: TimeRecord, fit: RecordFit, joints: JointPorts) -> tu
     return record.first(rows), replace(fit, predicted=predicted, residual=fit.residual[kept])
 
 
-def _motions(model: ParametricModel, fit: RecordFit, joints: JointPorts) -> Array:
-    """Return relative displacements and velocities of the joints (2 x times x joints)."""
-    states = fit.predicted.states * model.scale
-    n = joints.motions.shape[1]
-    return np.stack([states[:, :n] @ joints.motions.T, states[:, n:] @ joints.motions.T])
-
-
-def _forces(motions: Array) -> Array:
-    """Return the forces (times x joints x terms and sliders) at motions (2 x times x joints), over units."""
-    d, v = motions
-    terms = [d * np.abs(d), d * d, np.abs(d) * v, d * v, d**3, np.abs(v) * v]
-    return np.stack([*terms, *(_slider(d, slip) for slip in _SLIPS)], axis=-1)
-
-
-def _slider(d: Array, slip: float) -> Array:
-    """Return the elastic part (times x joints), at most `slip`, of displacements from 0 on.
-
-    A step adds to it and clips; so do two steps one after the other, and spans of steps that double.
-    """
-    added, low, high = np.diff(d, axis=0, prepend=0.0), np.full_like(d, -slip), np.full_like(d, slip)
-    span = 1
-    while span < len(d):
-        limits = low[span:], high[span:]
-        clipped = [np.clip(limit[:-span] + added[span:], *limits) for limit in (low, high)]
-        low[span:], high[span:] = clipped
-        added[span:] += added[:-span].copy()
-        span *= 2
-    return np.clip(added, low, high)
-
-
-@dataclass(frozen=True, eq=False)
-class _Responses:
-    """Linear responses of a record to forces at joints (times x joints x forces)."""
-
-    record: TimeRecord
-    fit: RecordFit
-    joints: JointPorts
-    forces: Array
-    _held: dict[int, Array] = field(default_factory=dict)
-
-    @property
-    def count(self) -> int:
-        """Number of responses of a channel."""
-        return int(self.forces[0].size)
-
-    def of_channel(self, channel: int) -> Array:
-        """Return the responses of a channel (times x any); those of a block of channels are held."""
-        count, held = len(self.record.data.rms), self._held
-        blocks = min(count, -(-count * self.forces.size // _MAX_HELD_NUMBERS))
-        width = -(-count // blocks)
-        number = channel // width
-        if number not in held:
-            held.clear()  # first: two blocks would take twice the memory
-            channels = slice(number * width, (number + 1) * width)
-            responses = _responses(self.record, self.fit, self.joints, self.forces, channels)
-            finite("the responses to forces at the joints", responses)  # of predictions that grow
-            held[number] = responses.reshape(len(responses), len(self.forces), -1)
-        return np.asarray(held[number][channel % width])
-
-    def products(self, columns: Array) -> tuple[Array, Array]:
-        """Return products of derivatives by parameters, responses and residuals (w), in blocks of samples.
-
-        With each other (channels x w x w), and with columns that all channels share (times x any: any x
-        channels x w). Channels record at the times of the model.
-        """
-        record, fit = self.record, self.fit
-        by_parameter = record.prediction_from(
-            fit.eta, fit.predicted.start, record.model, by_state=False
-        ).by_parameter
-        _, channels, p = by_parameter.shape
-        own = np.empty((_MAX_BLOCK_SAMPLES, channels, p + self.count + 1))
-        gram = np.zeros((channels, own.shape[2], own.shape[2]))
-        across = np.zeros((columns.shape[1], own[0].size))
-
-        def add(first: int, last: int) -> None:
-            part = own[: last - first]
-            finite("the responses to forces at the joints", part)  # of predictions that grow
-            for c in range(channels):
-                gram[c] += part[:, c].T @ part[:, c]
-            across[:] += columns[first:last].T @ part.reshape(len(part), -1)
-
-        begun = 0
-        for rows, responses in _response_blocks(record, fit, self.joints, self.forces, slice(None)):
-            if rows.stop - begun > _MAX_BLOCK_SAMPLES:
-                report_progress(f"score test, {rows.start} of {len(self.forces)} samples")
-                add(begun, rows.start)
-                begun = rows.start
-            part = own[rows.start - begun : rows.stop - begun]
-            part[..., :p], part[..., -1] = by_parameter[rows], fit.residual[rows]
-            part[..., p:-1] = responses.reshape(channels, len(part), -1).swapaxes(0, 1)
-        add(begun, len(self.forces))
-        return gram, across.reshape(len(across), channels, -1)
-
-
-def _responses(
-    record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array, channels: slice
-) -> Array:
-    """Return the linear responses of channels from rest (channels x times x joints x forces)."""
-    model, h = record.model.moved(fit.eta), record.sampling_step
-    delays = model.instruments.numbers(model.instruments.delays, named(record.unknowns, fit.eta)).value[
-        channels
-    ]
-    responses = np.empty((len(delays), *forces.shape))
-    for rows, block in _response_blocks(record, fit, joints, forces, channels):
-        responses[:, rows] = block
-    for c in np.flatnonzero(delays):  # between samples
-        times = h * np.arange(len(forces))
-        late = [
-            np.interp(times - delays[c], times, column) for column in responses[c].reshape(len(forces), -1).T
-        ]
-        responses[c] = np.transpose(late).reshape(responses[c].shape)
-    return responses
-
-
-def _response_blocks(
-    record: TimeRecord, fit: RecordFit, joints: JointPorts, forces: Array, channels: slice
-) -> Iterator[tuple[slice, Array]]:
-    """Yield samples with the responses of channels there, without delays (channels x … x joints x forces)."""
-    model = record.model.moved(fit.eta)
-    matrices, n, count = model.at(fit.eta), model.states, len(joints.names)
-    # Forces are linear between samples: x' = A x + B (f + g t), f and g being states.
-    B = joints.B / model.scale[:, None]
-    h = record.sampling_step
-    joint = np.zeros((n + 2 * count, n + 2 * count))
-    joint[:n, :n], joint[:n, n : n + count] = matrices.A, B
-    joint[n : n + count, n + count :] = np.eye(count) / h
-    step = exponential(joint, h)
-    Phi, held, ramp = step[:n, :n], step[:n, n : n + count], step[:n, n + count :]
-    gains = model.instruments.numbers(model.instruments.gains, named(record.unknowns, fit.eta)).value
-    # The state less what the last ramp gave to it: Phi y + (held - ramp + Phi ramp) f.
-    C, forced = matrices.C[channels], held - ramp + Phi @ ramp
-    direct = (gains[:, None] * joints.direct)[channels] + C @ ramp
-
-    def outputs(states: Array, first: int, last: int) -> tuple[slice, Array]:
-        responses = direct[:, None, :, None] * forces[first:last]
-        responses += (C @ states.reshape(-1, n).T).reshape(responses.shape)
-        return slice(first, last), responses
-
-    state = -(forces[0, ..., None] * ramp.T[:, None]).reshape(-1, n)
-    yield outputs(state, 0, 1)
-    longest = min(_MAX_BLOCK_SAMPLES, max(1, _MAX_RESPONSE_NUMBERS // (n * count * _FORCES)))
-    for first in range(0, len(forces) - 1, longest):
-        last = min(first + longest, len(forces) - 1)
-        forcing = forces[first:last, ..., None] * forced.T[:, None]
-        states = recurrence(Phi, forcing.reshape(last - first, -1, n), state)
-        yield outputs(states, first + 1, last + 1)
-        state = states[-1]
-
-
 def _columns(
     record: TimeRecord,
     fit: RecordFit,
-    responses: _Responses,
+    responses: JointResponses,
     shared: Array,
     variances: Array | None,
     *,
@@ -498,7 +341,7 @@ def _tested(joints: tuple[str, ...], columns: Sequence[_Columns], p: int, *, rou
     degrees -= rank
     H, b, left = gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1])
     absorbed = H.diagonal() <= _ABSORBED_SQUARE * np.asarray(sizes)[p:-1]
-    shape, terms = (len(joints), _FORCES), slice(0, len(TERMS))
+    shape, terms = (len(joints), FORCES), slice(0, len(TERMS))
 
     def p_value(chosen: NDArray[np.intp]) -> float:
         chosen = chosen[~absorbed[chosen]]

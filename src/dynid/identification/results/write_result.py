@@ -299,7 +299,7 @@ def _add_nonlinearity(result: Result, posterior: Posterior) -> None:
     """Add ``nonlinearity/``: the score test of the joints, of records of time."""
     if (tested := posterior.nonlinearity) is None:
         return
-    from dynid.identification.likelihood.nonlinearity import TERMS  # of records of time alone
+    from dynid.identification.likelihood.joint_responses import TERMS  # of records of time alone
 
     group, dims = _NONLINEARITY, ("joint", "term")
     result.add_axes(group, joint=list(tested.joints), term=list(TERMS))
