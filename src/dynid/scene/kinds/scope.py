@@ -52,13 +52,15 @@ def add_identification_scope(
         method, modes = model.reduction_method, len(reduction.modes)
         parts += _of_reduction("", method, reduction.model.size, n, modes, reduction.rule)
     parts.append(ScopePart("states", 2 * r, 2 * (n - r), "the structure is reduced"))
-    if model.measurement is not None:
-        unknown = [unknown_parameter.name for unknown_parameter in structure.unknowns]
-        # The terms of joints that depend on parameters are not fixed.
-        all_terms = (term for joint in structure.joints for term in joint.terms)
-        terms = [term.name for term in all_terms if term.name in unknown or not term.product.terms]
-        terms += [name for name in unknown if name not in terms]
-        parts.append(divided("parameters", terms, unknown, "known: fixed at their values"))
+    measured = model.measurement is not None
+    unknown = [unknown_parameter.name for unknown_parameter in structure.unknowns]
+    # The terms of joints that depend on parameters are not fixed.
+    all_terms = (term for joint in structure.joints for term in joint.terms)
+    terms = [term.name for term in all_terms if term.name in unknown or not term.product.terms]
+    terms += [name for name in unknown if name not in terms]
+    why = "known: fixed at their values"
+    if measured or unknown:
+        parts.append(divided("parameters", terms, unknown if measured else [], why if measured else _FIXED))
     parts.append(engines_part(result, model))
     if "structure/modes/omega" in result:
         count = len(result["structure/modes/omega"].data)
@@ -85,6 +87,9 @@ def engines_part(result: Result, model: IdentificationScene) -> ScopePart:
     why = "not used by the estimator" if used else "there is no record"
     engines_of_all = dict.fromkeys(engine for engines in _ENGINES.values() for engine in engines)
     return divided("engines", engines_of_all, used, why)
+
+
+_FIXED = "nothing is identified: fixed at their values, true values or starts"
 
 
 def add_reduction_scope(result: Result, model: ReductionScene, methods: Mapping[str, str]) -> None:
