@@ -1,13 +1,17 @@
 """Default results cost at most ten times the requested response, in operations, on benchmarked shapes."""
 
+import tempfile
+
 import numpy as np
 import pytest
 
-from dynid.bench.cases import frequency_response, graph_shapes, zeros_poles
+from dynid.bench.cases import frequency_response, graph_shapes, startup, zeros_poles
 from dynid.scene.kinds.explain_graph import explain
-from dynid.scene.load import check_source
+from dynid.scene.load import check_source, load_scene
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import built_source
+from dynid.structure import backends
+from dynid.structure.modes import sparse
 from tests.work import operations_of
 
 USUAL = {"transfer_function", "zeros", "poles", "properties", "reduction"}
@@ -78,3 +82,23 @@ def test_large_graphs_have_what_is_expected_of_them_and_all_without_a_response()
     alone = run_scene(check_source(built_source(data | {"analysis": analysis}, "<test>")))
     assert alone.value(path) == 101
     assert "bond_graph/transfer_function/m0.f/u/poles" in alone
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("case", "count"), [(startup.MANY_MODES, 2), (startup.PLATE, 2), (startup.CRAIG_BAMPTON, 5)]
+)
+def test_structures_are_factorised_once_and_once_for_a_proof(monkeypatch, tmp_path, case, count):
+    """SEREP shares modes with its comparison; Craig-Bampton has constraint modes and inner modes first."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    rows, factorise = [], backends.factorise
+
+    def counted(matrix, *arguments, **options):
+        rows.append(matrix.shape[0])
+        return factorise(matrix, *arguments, **options)
+
+    for module in (backends, sparse):
+        monkeypatch.setattr(module, "factorise", counted)
+    run_scene(load_scene(case.problem(2500) / "plate.yaml"))
+    assert len(rows) == count
+    assert max(rows) == 2500
