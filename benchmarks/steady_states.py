@@ -24,8 +24,10 @@ from dynid.arrays import Array, ComplexArray
 from dynid.structure.assembly import Support
 from dynid.structure.damping import ProportionalDamping
 from dynid.structure.frame import beam
-from dynid.structure.joint_laws import Cubic, Jenkins, Law
+from dynid.structure.hysteretic_laws import Jenkins
+from dynid.structure.joint_laws import Cubic
 from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.law import Law
 from dynid.structure.model import StructuralModel
 from dynid.structure.model_laws import joint_law
 from dynid.structure.nonlinear.continuation import trace

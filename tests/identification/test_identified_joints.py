@@ -10,7 +10,8 @@ from dynid.identification.identify import identify
 from dynid.identification.problem import Problem
 from dynid.parameters import starts
 from dynid.report.figure import figures
-from dynid.structure.joint_laws import BoucWen, Cubic, Gap, Jenkins, Power, QuadraticDamping
+from dynid.structure.hysteretic_laws import BoucWen, Jenkins
+from dynid.structure.joint_laws import Cubic, Gap, Power, QuadraticDamping
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law

@@ -18,7 +18,8 @@ from dynid.identification.records.measurement import Experiment, Measurement, Si
 from dynid.identification.systems.nonlinear_prediction import hidden_start, predicted
 from dynid.lti.signals import Multisine
 from dynid.parameters import starts
-from dynid.structure.joint_laws import BoucWen, Coulomb, Cubic, Gap, Iwan, Jenkins
+from dynid.structure.hysteretic_laws import BoucWen, Iwan, Jenkins
+from dynid.structure.joint_laws import Coulomb, Cubic, Gap
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law

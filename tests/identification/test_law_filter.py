@@ -17,7 +17,8 @@ from dynid.identification.records.measurement import Experiment, Measurement, Si
 from dynid.lti.signals import Multisine
 from dynid.native import compiled
 from dynid.parameters import starts
-from dynid.structure.joint_laws import BoucWen, Cubic, Gap, Jenkins, Power
+from dynid.structure.hysteretic_laws import BoucWen, Jenkins
+from dynid.structure.joint_laws import Cubic, Gap, Power
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law

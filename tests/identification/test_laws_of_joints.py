@@ -17,7 +17,8 @@ from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, Measurement, Simulation
 from dynid.lti.signals import Multisine
 from dynid.report.content import content
-from dynid.structure.joint_laws import Cubic, Gap, Iwan, Jenkins
+from dynid.structure.hysteretic_laws import Iwan, Jenkins
+from dynid.structure.joint_laws import Cubic, Gap
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law

@@ -10,7 +10,7 @@ from dynid.identification.records.measurement import Experiment, Measurement, Si
 from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Multisine, Sampled, Sine
 from dynid.result import Result
-from dynid.structure.joint_laws import Jenkins
+from dynid.structure.hysteretic_laws import Jenkins
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law

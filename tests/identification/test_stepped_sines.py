@@ -15,7 +15,8 @@ from dynid.identification.records.measurement import Simulation
 from dynid.identification.systems.frf_system import FrfSystem
 from dynid.lti.signals import Multisine
 from dynid.parameters import coordinates, starts
-from dynid.structure.joint_laws import BoucWen, Cubic, Gap, Iwan, Jenkins
+from dynid.structure.hysteretic_laws import BoucWen, Iwan, Jenkins
+from dynid.structure.joint_laws import Cubic, Gap
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law

@@ -28,7 +28,8 @@ from dynid.lti.signals import signal
 from dynid.structure.assembly import Support
 from dynid.structure.damping import ProportionalDamping
 from dynid.structure.frame import beam
-from dynid.structure.joint_laws import BoucWen, Cubic, Gap, Jenkins
+from dynid.structure.hysteretic_laws import BoucWen, Jenkins
+from dynid.structure.joint_laws import Cubic, Gap
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law

@@ -14,20 +14,12 @@ from dynid.lti.time_response import timeline
 from dynid.native import compiled
 from dynid.structure.assembly import Support
 from dynid.structure.damping import ProportionalDamping
+from dynid.structure.expression_law import ExpressionLaw
 from dynid.structure.frame import beam
-from dynid.structure.joint_laws import (
-    BoucWen,
-    BoundLaw,
-    Coulomb,
-    Cubic,
-    ExpressionLaw,
-    Gap,
-    Iwan,
-    Jenkins,
-    Power,
-    QuadraticDamping,
-)
+from dynid.structure.hysteretic_laws import BoucWen, Iwan, Jenkins
+from dynid.structure.joint_laws import Coulomb, Cubic, Gap, Power, QuadraticDamping
 from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.law import BoundLaw
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law
 from dynid.structure.nonlinear.march import march

@@ -15,18 +15,10 @@ from dynid.lti.signals import Multisine
 from dynid.structure.assembly import Support
 from dynid.structure.damping import ProportionalDamping
 from dynid.structure.frame import beam
-from dynid.structure.joint_laws import (
-    BoucWen,
-    BoundLaw,
-    Coulomb,
-    Cubic,
-    Gap,
-    Iwan,
-    Jenkins,
-    Power,
-    QuadraticDamping,
-)
+from dynid.structure.hysteretic_laws import BoucWen, Iwan, Jenkins
+from dynid.structure.joint_laws import Coulomb, Cubic, Gap, Power, QuadraticDamping
 from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.law import BoundLaw
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model_laws import joint_law
 from dynid.structure.nonlinear.cycle import cycle_force

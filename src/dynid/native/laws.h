@@ -40,7 +40,7 @@ INLINE void cleared(double *at, int count) {
 
 INLINE double sign_of(int64_t regime) { return regime & BACKWARDS ? -1.0 : 1.0; }
 
-/* The deflection from which on all sliders of Iwan slip, and its slopes by the parameters; see `joint_laws`. */
+/* The deflection from which on all sliders of Iwan slip, and its slopes by the parameters; see `hysteretic_laws`. */
 INLINE double all_slip(const double *p, double *by) {
   const double a = p[2] + 1.0, c = p[3] + a / (a + 1.0), phi = p[1] * (1.0 + p[3]) / (p[0] * c);
   by[0] = -phi / p[0], by[1] = phi / p[1], by[2] = -phi / ((a + 1.0) * (a + 1.0) * c);
@@ -83,7 +83,7 @@ INLINE void factor(const double *o, int which, int64_t regime, double x, double 
   *slope = odd * sign * exponent * power(base, exponent - 1.0);
 }
 
-/* The force of a law with parameters p in a regime r, less that of its preload alone; see `dynid.structure.joint_laws`. */
+/* The force of a law with parameters p in a regime r, less that of its preload alone; see `dynid.structure.law`. */
 INLINE void law_force(int64_t code, const double *p, const double *s, const double *opt, double offset, double began, int64_t r, double d, double v, double z, Force *o) {
   cleared((double *)o, sizeof *o / sizeof(double));
   const int shifted = code == 1 || code == 4;

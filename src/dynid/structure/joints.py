@@ -20,7 +20,7 @@ from dynid.structure.labels import Label
 from dynid.structure.matrices import DependentMatrix, as_array, entries
 
 if TYPE_CHECKING:
-    from dynid.structure.joint_laws import Law
+    from dynid.structure.law import Law
 
 Block: TypeAlias = Sequence[Sequence[Real]] | Array
 

@@ -12,9 +12,9 @@ from dynid.arithmetic.dependent import evaluated
 from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.parameters import Parameter
-from dynid.structure.joint_laws import BoundLaw, Law
 from dynid.structure.joints import Joint, JointLaw, JointParameter, angular
 from dynid.structure.labels import Label
+from dynid.structure.law import BoundLaw, Law
 
 # Relative step of central differences of tangents by parameters: the root of round-off.
 _DIFFERENCE = 1e-6

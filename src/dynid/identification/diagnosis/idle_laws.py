@@ -14,7 +14,9 @@ from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.nonlinear_record import NonlinearRecord
 from dynid.identification.likelihood.record_likelihood import RecordFit
 from dynid.number_format import short_percent
-from dynid.structure.joint_laws import Gap, Iwan, Jenkins, Law
+from dynid.structure.hysteretic_laws import Iwan, Jenkins
+from dynid.structure.joint_laws import Gap
+from dynid.structure.law import Law
 
 
 def idle_laws(likelihood: Likelihood, fit: Fit) -> Iterator[str]:

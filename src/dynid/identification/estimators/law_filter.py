@@ -25,7 +25,7 @@ from dynid.identification.systems.nonlinear_prediction import hidden_start, rate
 from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.native import call, compiled, structure
 from dynid.parameters import logarithmic
-from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.law import BoundLaw
 from dynid.structure.nonlinear.compiled_march import by_law_tables, law_tables
 from dynid.structure.nonlinear.tables import Steps, load_polynomials
 

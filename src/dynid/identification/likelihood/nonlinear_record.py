@@ -32,7 +32,7 @@ from dynid.identification.systems.nonlinear_prediction import (
 from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.identification.systems.prediction import ALL_CHANNELS, Prediction, Trajectory
 from dynid.identification.systems.structure_system import StructureSystem
-from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.law import BoundLaw
 from dynid.structure.model import StructuralModel
 from dynid.structure.nonlinear.tables import Refine
 

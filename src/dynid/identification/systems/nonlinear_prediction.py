@@ -32,7 +32,7 @@ from dynid.lti.exponential import rescaled
 from dynid.lti.state_space import Matrices
 from dynid.parameters import named, rates
 from dynid.structure.excitation import drive
-from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.law import BoundLaw
 from dynid.structure.matrices import as_array
 from dynid.structure.model_laws import ModelLaw, model_laws
 from dynid.structure.nonlinear.accuracy import accurate_march

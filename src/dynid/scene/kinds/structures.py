@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from dynid.result import Result
     from dynid.scene.load import Scene
     from dynid.structure.damping import ModalDamping, ProportionalDamping
-    from dynid.structure.joint_laws import Law
+    from dynid.structure.law import Law
     from dynid.structure.model import StructuralModel
 
 
@@ -91,7 +91,8 @@ def joint_laws(name: str, joint: JointModel, component: str | None = None) -> tu
     Raises `UsageError` if their values make no sense.
     """
     from dynid.arithmetic.expression import parse
-    from dynid.structure.joint_laws import LAWS, ExpressionLaw
+    from dynid.structure.expression_law import ExpressionLaw
+    from dynid.structure.joint_laws import LAWS
     from dynid.structure.model_laws import joint_law
 
     laws = []

@@ -11,7 +11,7 @@ import numpy as np
 from dynid.arrays import Array
 from dynid.errors import NumericalError
 from dynid.lti.time_response import Timeline
-from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.law import BoundLaw
 from dynid.structure.nonlinear.march import march
 from dynid.structure.nonlinear.tables import LinearRest, Motion, Refine, Regimes, Steps
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.native import call, structure
-from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.law import BoundLaw
 from dynid.structure.nonlinear.tables import (
     NODES,
     SCAN,

@@ -16,7 +16,7 @@ import numpy as np
 
 from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
-from dynid.structure.joint_laws import BoundLaw, Slopes
+from dynid.structure.law import BoundLaw, Slopes
 from dynid.structure.nonlinear.fourier import (
     basis,
     clenshaw_curtis,

@@ -18,7 +18,7 @@ import numpy as np
 
 from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError, UsageError
-from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.law import BoundLaw
 from dynid.structure.model import StructuralModel
 from dynid.structure.model_laws import model_laws
 from dynid.structure.nonlinear.continuation import Point, solve_at

@@ -20,7 +20,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.native import compiled
-from dynid.structure.joint_laws import BoundLaw, Guard, Slopes
+from dynid.structure.law import BoundLaw, Guard, Slopes
 from dynid.structure.nonlinear.memory import Memory, Origin
 from dynid.structure.nonlinear.step import MarchState, Step
 from dynid.structure.nonlinear.tables import (

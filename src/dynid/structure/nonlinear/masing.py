@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.arrays import Array
-from dynid.structure.joint_laws import BoundLaw, Iwan
+from dynid.structure.hysteretic_laws import Iwan
+from dynid.structure.law import BoundLaw
 from dynid.structure.nonlinear.fourier import clenshaw_curtis, further_harmonics, rate_of, series
 
 # Points of a cycle at which turning points are looked for, over the highest harmonic.

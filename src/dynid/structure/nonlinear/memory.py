@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.arrays import Array
-from dynid.structure.joint_laws import Guard, Slopes
+from dynid.structure.law import Guard, Slopes
 
 # First loading, its mirror image, and a reversal: closing the last of so many leads back to first loading.
 _FIRST_LOOPS = 3

@@ -16,7 +16,7 @@ from dynid.lti.time_response import TimeResponse, timeline
 from dynid.lti.waveforms import sum_lines
 from dynid.result import Result, common_unit
 from dynid.structure.excitation import Excitation
-from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.law import BoundLaw
 from dynid.structure.model import StructuralModel
 from dynid.structure.model_laws import model_laws
 from dynid.structure.nonlinear.accuracy import Accuracy, accurate_march

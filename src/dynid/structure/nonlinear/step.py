@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dynid.arrays import Array
-from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.law import BoundLaw
 from dynid.structure.nonlinear.memory import Memory
 from dynid.structure.nonlinear.tables import (
     NODES,

@@ -14,7 +14,7 @@ from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
 from dynid.lti.exponential import exponential
 from dynid.lti.time_response import Timeline
-from dynid.structure.joint_laws import BoundLaw
+from dynid.structure.law import BoundLaw
 
 #: Lobatto nodes of a step.
 NODES = 5
