@@ -46,6 +46,7 @@ def scene_of(shape, size, results=None, **further):
     return check_source(built_source(data | further | {"analysis": analysis}, "<test>"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("shape", "size"),
     [("chain", 40), ("tree", 80), ("ladder", 90), ("lattice", 12), ("mesh", 3), ("mesh", 5)],

@@ -39,7 +39,7 @@ def explain(scene: Scene) -> Explanation:
     facts = [Fact("graph", f"{counted(nodes, 'node')}, {counted(bonds, 'bond')}")]
     report_progress("reducing the graph")
     try:
-        reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs)
+        reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=False)
     except NumericalError as error:
         if analysis.results != {"causality"}:
             return Explanation(result, facts, obstacle=error)
