@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -27,7 +27,6 @@ from dynid.parameters import named
 
 if TYPE_CHECKING:
     from dynid.identification.likelihood.record_likelihood import RecordFit
-    from dynid.identification.likelihood.time_record import TimeRecord
 
 # Numbers of the largest regressors that are kept.
 _MAX_KEPT_NUMBERS = 1_000_000
@@ -35,7 +34,7 @@ _MAX_KEPT_NUMBERS = 1_000_000
 _FORCED: WeakKeyDictionary[ParametricModel, dict[int, ForcedRegressors]] = WeakKeyDictionary()
 
 
-def coordinates(record: TimeRecord, fit: RecordFit) -> list[SaturatedCoordinates]:
+def coordinates(record: Any, fit: RecordFit) -> list[SaturatedCoordinates]:
     """Return the channels, in units of their RMS, in directions of their saturated models."""
     assert fit.measured is not None
     white, decays = record.data.passed == 1, record.decays(fit.eta)
@@ -79,7 +78,7 @@ def coordinates(record: TimeRecord, fit: RecordFit) -> list[SaturatedCoordinates
     return channels
 
 
-def shared_regressors(record: TimeRecord, fit: RecordFit) -> Regressors:
+def shared_regressors(record: Any, fit: RecordFit) -> Regressors:
     """Return the regressors of the saturated model that the channels share (times x any)."""
     times = record.model.times
     max_count = most_regressors(int(record.data.counts.min() * min(1.0, record.data.passed)))
@@ -97,7 +96,7 @@ def shared_regressors(record: TimeRecord, fit: RecordFit) -> Regressors:
     return record.kept_regressors[key]
 
 
-def _regressors_of_clock(record: TimeRecord, fit: RecordFit, channel: int) -> Regressors:
+def _regressors_of_clock(record: Any, fit: RecordFit, channel: int) -> Regressors:
     """Return the regressors of a channel at the times of its own clock."""
     model, clock = record.model, record.model.instruments.clocks[channel]
     assert clock is not None
