@@ -86,14 +86,14 @@ def shared_regressors(record: Any, fit: RecordFit) -> Regressors:
     if max_count not in forced:
         inputs = [record.model.inputs(order) for order in (0, 1)]
         forced[max_count] = forced_regressors(record.model.signals, inputs, times, max_count)
-    key = fit.eta.tobytes()
-    if key not in record.kept_regressors:
+    key, kept = fit.eta.tobytes(), record.kept_regressors
+    shared: Regressors | None = kept.get(key)
+    if shared is None:
         shared = regressors_in_time(forced[max_count], record.model.poles(fit.eta), times, max_count)
-        record.kept_regressors.clear()
-        if shared.values.size > _MAX_KEPT_NUMBERS:
-            return shared
-        record.kept_regressors[key] = shared
-    return record.kept_regressors[key]
+        kept.clear()
+        if shared.values.size <= _MAX_KEPT_NUMBERS:
+            kept[key] = shared
+    return shared
 
 
 def _regressors_of_clock(record: Any, fit: RecordFit, channel: int) -> Regressors:
