@@ -14,6 +14,7 @@ from dynid.identification.information import information
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.measurement import Experiment, Measurement, RecordData
 from dynid.identification.residual_tests import autocorrelation, consistency, spectrum
+from dynid.identification.systems.instruments import Instruments
 from dynid.identification.systems.prediction import Trajectory
 from dynid.structure.ports import Channel
 from tests.identification.cases import VELOCITIES, diagnostic, parameter, run, simulated, suspension
@@ -198,7 +199,11 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
     """Return a posterior as the warnings read it, of one record with two channels."""
     channels = (Channel(1, "velocity"), Channel(2, "velocity"))
     experiment = Experiment((), Measurement(0.01, 300, channels, measured))
-    record = TimeRecord(SimpleNamespace(channels=channels), RecordData(measured), experiment)
+    record = TimeRecord(
+        SimpleNamespace(channels=channels, instruments=Instruments.of((), (), channels)),
+        RecordData(measured),
+        experiment,
+    )
     information = {"deviations": np.array([0.01, 0.02]), "correlation": np.eye(2)}
     information |= {name: changed.pop(name) for name in list(changed) if name in information}
     given = {

@@ -324,3 +324,36 @@ def test_orders_of_breaks_depend_on_the_structure_and_not_on_the_size_of_rates()
         A = np.diag(np.full(5, -rate)) + np.diag(np.ones(4), -1)
         chain = StateSpace(A, np.eye(5)[:, [0, 3]], np.eye(5)[[4, 0]], np.zeros((2, 2)))
         np.testing.assert_array_equal(break_orders(chain), [[5, 2], [1, np.inf]])
+
+
+def test_rounded_times_of_steep_samples_are_no_kinks():
+    """Late in a record the times of samples are rounded: segments were halved there to the last digit."""
+    step, tau, samples = 0.05, 0.317, 700
+    values = np.repeat(np.random.default_rng(1).standard_normal(samples // 20 + 1), 20)[:samples]
+    lft = StateSpace([[-1.0]], [[1.0, -1.5]], [[1.0], [1.0]], [[0.0, 0.0], [0.0, 0.0]])
+    times = 0.5 * np.arange(1, 70)
+    signal = Sampled(values, step, "linear")
+    response = DelaySystem(lft, (Fraction(tau),)).response([signal], times)
+    assert response.segments < 20_000
+    # x' = -x + u - 1.5 x(t - tau) by Runge and Kutta's steps of 0.001 s, by which tau and the samples are
+    # whole; half way between two of them x is that of a cubic.
+    h, late, of_step = 0.001, 317, 50
+    x = np.zeros(len(times) * 500 + 1)
+    half = np.zeros(len(x))
+
+    def u(n, part):
+        k, rest = divmod(n, of_step)
+        return values[k] + (values[min(k + 1, samples - 1)] - values[k]) * (rest + part) / of_step
+
+    for n in range(len(x) - 1):
+        m = n - late
+        v = (x[m], half[m], x[m + 1]) if m >= 0 else (0.0, 0.0, 0.0)
+        forces = [u(n, part) - 1.5 * before for part, before in zip((0.0, 0.5, 1.0), v, strict=True)]
+        k1 = forces[0] - x[n]
+        k2 = forces[1] - (x[n] + h / 2 * k1)
+        k3 = forces[1] - (x[n] + h / 2 * k2)
+        k4 = forces[2] - (x[n] + h * k3)
+        x[n + 1] = x[n] + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        half[n] = (x[n] + x[n + 1]) / 2 + h / 8 * (k1 - (forces[2] - x[n + 1]))
+    expected = x[np.rint(times / h).astype(int)]
+    assert response.outputs[:, 0] == pytest.approx(expected, abs=1e-11 * np.abs(expected).max())

@@ -310,7 +310,9 @@ class Propagation:
         sizes = np.abs(joined)
         tails, sizes = sizes[-_TAIL:].max(axis=0), np.maximum(self._sizes, sizes.max(axis=0))
         if (tails > self.rtol * sizes).any():
-            largest = np.abs(inputs).max(axis=0)
+            # Signals are evaluated at rounded times, which moves them by what they change meanwhile.
+            moved = high / self._unit / length * (np.arange(len(inputs)) @ np.abs(inputs))
+            largest = np.abs(inputs).max(axis=0) + moved / 8
             rounding = np.concatenate([np.abs(self._x), (np.abs(inputs) + largest / 16).ravel()])
             lost = (np.abs(outputs_of) @ rounding).reshape(outputs.shape).max(axis=0)
             if np.any(tails > self.rtol * sizes + _NOISE * np.concatenate([largest, lost])):

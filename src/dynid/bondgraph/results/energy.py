@@ -151,7 +151,8 @@ class _Spectrum(NamedTuple):
     def of(cls, A: Array) -> _Spectrum:
         values, vectors = np.linalg.eig(A)
         try:  # the condition of an eigenvalue is the norm of its row here, that of a vector is 1
-            conditions = np.linalg.norm(np.linalg.inv(vectors), axis=1)
+            with np.errstate(over="ignore"):  # infinite of nearly parallel vectors
+                conditions = np.linalg.norm(np.linalg.inv(vectors), axis=1)
         except np.linalg.LinAlgError:
             conditions = np.full(len(values), np.inf)
         if not conditions.max() < _MAX_INVERTED_CONDITION:
