@@ -156,7 +156,7 @@ def test_another_start_of_the_excitation_is_suggested():
     )
 
 
-@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("sign", [1, pytest.param(-1, marks=pytest.mark.slow)])
 def test_exchanged_channels_of_one_quantity_are_suggested(sign):
     found = said(record()[:, [1, 0, 2]] * [1, sign, 1])
     assert found[0].startswith(
@@ -167,6 +167,7 @@ def test_exchanged_channels_of_one_quantity_are_suggested(sign):
     assert [reversed_one in one for one in found[1:]] == ([] if sign > 0 else [True])
 
 
+@pytest.mark.slow
 def test_exchanged_channels_of_different_quantities_are_no_suggestion():
     assert not any("exchanged" in one for one in said(record()[:, [0, 2, 1]]))
 

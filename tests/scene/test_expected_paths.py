@@ -237,9 +237,7 @@ def test_the_known_properties_are_those_of_the_results():
 
 #: Scenes that run in well below a second; the others are slow tests.
 FAST = [
-    "isolator_port",
     "isolator_controlled",
-    "motor_beam",
     "beam_reduction",
     "synthesis_impedance",
     "table3",
