@@ -28,6 +28,7 @@ from dynid.identification.systems import kernels
 from dynid.identification.systems.free_decays import FreeDecays, free_decays
 from dynid.identification.systems.known_inputs import (
     NONE_LEFT_OUT,
+    SAMPLE_TIME_TOL,
     KnownSamples,
     known_samples,
     known_span,
@@ -63,8 +64,6 @@ _TRANSITION_WORK = 30
 _DELAYED_WORK = 100_000
 # The first part of a large record, one in so many, from which an estimate begins.
 _FIRST_PART = 8
-# Part of a step by which times differ by round-off.
-_TIME_TOL = 1e-6
 # Fewest values of a part of a record for each unknown.
 _MIN_VALUES_PER_UNKNOWN = 4
 
@@ -178,7 +177,7 @@ class TimeRecord(RecordLikelihood):
     def within_inputs(self, eta: Array) -> NDArray[np.bool_]:
         """Return the mask of the record's times at which every input is known (times)."""
         first, last = known_span(self.model, eta)
-        times, rounding = self.model.times, _TIME_TOL * self.sampling_step
+        times, rounding = self.model.times, SAMPLE_TIME_TOL * self.sampling_step
         return np.asarray((times >= first - rounding) & (times <= last + rounding))
 
     @property

@@ -100,7 +100,7 @@ def delayed_response(matrices: Matrices, loop_delays: LoopDelays, omega: Array) 
 def _blocks(
     matrices: Matrices, loop_delays: LoopDelays, points: ComplexArray
 ) -> tuple[list[ComplexArray], list[ComplexArray]]:
-    """Return P, Q, R and T of `response` at points s (L x …), and their derivatives (p x L x …)."""
+    """Return P, Q, R and T of `delayed_response` at points s (L x …), and their derivatives (p x L x …)."""
     delays, late = loop_delays
     s = points[:, None, None]
     n, m = len(matrices.A), len(delays)

@@ -20,8 +20,8 @@ from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.lti.signals import Derivative, Sampled, Shifted, Signal
 from dynid.parameters import named, rates
 
-# Part of a sampling step by which a sample may lie outside and still count as known: round-off of times.
-_SAMPLE_TIME_TOL = 1e-6
+#: Part of a sampling step by which a sample may lie outside and still count as known: round-off of times.
+SAMPLE_TIME_TOL = 1e-6
 # Part of a record that the range of delays that are sought may leave out at each end, beside their starts.
 _MAX_SEARCHED_SHARE = 0.1
 # Fewest samples to which a record may be shortened.
@@ -96,7 +96,7 @@ def _left_out_by_clocks(
     begin = max(begin, 0.0) if at_rest_before else begin
     instants = model.instruments.instants(times, named(model.unknowns, eta))
     low, high = _reached(model, instants.value, instants.slopes, eta, reach)
-    rounding = _SAMPLE_TIME_TOL * float(np.min(np.diff(times), initial=1.0))
+    rounding = SAMPLE_TIME_TOL * float(np.min(np.diff(times), initial=1.0))
     present = model.instruments.present(len(times))
     before = np.count_nonzero(present & (low < begin - rounding), axis=0)
     after = np.count_nonzero(present & (high > end + rounding), axis=0)
@@ -110,7 +110,7 @@ def _left_out(
     begin, end = known_span(model, eta, reach)
     begin = max(begin, 0.0) if at_rest_before else begin
     low, high = _range(model, model.instruments.delays, eta, reach)
-    rounding = _SAMPLE_TIME_TOL * float(np.min(np.diff(times), initial=1.0))
+    rounding = SAMPLE_TIME_TOL * float(np.min(np.diff(times), initial=1.0))
     before = times - max(0.0, float(high.max(initial=0.0))) < begin - rounding
     after = times - min(0.0, float(low.min(initial=0.0))) > end + rounding
     return KnownSamples(int(np.count_nonzero(before)), int(np.count_nonzero(after)))
