@@ -161,7 +161,9 @@ def test_fits_are_the_same_both_ways(monkeypatch, channels, missing):
         monkeypatch.setenv(VARIABLE, wish)
         fit = fits.fit(origin_of(model), fits.data.values)
         found = fits.information(fit, fit.noise)
-        both.append((*fit.predicted, fit.noise, found.covariance(), found.total))
+        sizes = fits.residual_rms_of(origin_of(model) + np.array([[0.0], [0.1]]))
+        assert_same(sizes[:1], [np.sqrt(np.nanmean(fit.residual**2, axis=0))], 1e-12)
+        both.append((*fit.predicted, fit.noise, found.covariance(), found.total, sizes))
     assert_same(*both, 1e-10)  # rounding, times the condition of the state's sensitivities
 
 

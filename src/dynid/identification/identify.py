@@ -31,7 +31,7 @@ from dynid.identification.estimators.multi_start import drawn_starts
 from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.time_record import TimeRecord
-from dynid.identification.problem import Measured, Problem, SharedRecords, identifiable_origin
+from dynid.identification.problem import Measured, Problem, SharedRecords
 from dynid.identification.results.write_result import Further, add_identification, raise_rejected
 from dynid.identification.systems.parametric_model import Model, Rebuild, unknowns_of, with_fixed
 from dynid.identification.systems.record_values import true_states
@@ -183,7 +183,7 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
     problem = problem.weighted()
     model, likelihood, rebuild = problem.model, problem.likelihood, problem.rebuild
     values = [record.full_data for record in likelihood.records]
-    origin, unknowns = identifiable_origin(likelihood.ideal), model.unknowns
+    origin, unknowns = problem.origin, model.unknowns
     eta = origin.eta
     fixed = {
         unknown.name: unknown.start if unknown.prior is None else unknown.prior.value

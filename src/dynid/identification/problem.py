@@ -54,8 +54,9 @@ class SharedRecords:
     # Of each record the values without noise (times x channels); None of one that is not simulated.
     clean: Sequence[Array | None]
     models: Sequence[ParametricModel] = ()  # the model of each record; none where models differ
-    # The records without their noise, checked to be identifiable; None where models differ.
+    # The records without their noise, and their origin; None where models differ.
     ideal: Likelihood | None = None
+    origin: Origin | None = None
 
     @classmethod
     def of(
@@ -83,8 +84,7 @@ class SharedRecords:
                 for built, experiment, values in records_built
             )
             ideal = TimeLikelihood(records)
-            identifiable_origin(ideal)
-            return cls(clean, models, ideal)
+            return cls(clean, models, ideal, identifiable_origin(ideal))
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +99,7 @@ class Problem:
     rebuild: Rebuild | None
     full: Model  # the model as it was given; sparse where a modal survey needs that
     modes: int = 0  # number of modes of the model that are computed for a modal survey
+    shared_origin: Origin | None = None  # the origin, if others share it; it is of `likelihood.noiseless`
 
     @classmethod
     def of(
@@ -130,8 +131,17 @@ class Problem:
         if common is not None and common.models and common.models[0].unknowns == model.unknowns:
             shared = zip(common.models, values, problem.experiments, strict=True)
             records = tuple(_record_class(record[0]).of(*record, len(values)) for record in shared)
-            return replace(problem, likelihood=TimeLikelihood(records, noiseless=common.ideal))
+            likelihood = TimeLikelihood(records, noiseless=common.ideal)
+            return replace(problem, likelihood=likelihood, shared_origin=common.origin)
         return replace(problem, likelihood=problem.likelihood_of(model, values))
+
+    @property
+    def origin(self) -> Origin:
+        """The origin of the estimation."""
+        ideal = self.likelihood.ideal
+        if self.shared_origin is not None and ideal is self.likelihood.noiseless:
+            return self.shared_origin
+        return identifiable_origin(ideal)
 
     @property
     def survey(self) -> ModalRecord | None:

@@ -296,9 +296,26 @@ INLINE int start_by(int64_t n, int64_t channels, const double *factors, const Fi
   return 1;
 }
 
-/* Fill the first state, and the derivatives by it where they are kept; `by_state`: room for a block of them. */
+/* Set the RMS of what is left of values (channels) from a first state, by factors as of `start_by`. */
+INLINE void sizes_from(int64_t n, int64_t channels, const double *factors, const int64_t *counts, const Fitted *r,
+                       const double *start, double *sizes) {
+  const int64_t w = n + 1;
+  for (int64_t c = 0; c < channels; c++) {
+    double squares = 0.0;
+    for (int64_t k = 0; k < w; k++) {
+      const double *row = factors + (c * w + k) * w;
+      double left = row[n];
+      for (int64_t i = 0; i < n; i++) left -= row[i] * (start[i] - r->initial[i]);
+      squares += left * left;
+    }
+    sizes[c] = sqrt(squares / (double)counts[c]) * r->rms[c];
+  }
+}
+
+/* Fill the first state, and the derivatives by it where they are kept; `by_state`: room for a block of them. With
+ * `sizes` (channels), the RMS of the residuals, no residuals are filled; the room for them is after the derivatives. */
 INLINE int64_t begin(const Tables *t, const Linear *at, const Outputs *out, const double *C, const Fitted *r,
-                     const Fit *fit, double *by_state) {
+                     const Fit *fit, double *by_state, double *sizes) {
   const int64_t n = t->n, channels = out->channels, w = n + 1;
   double *factors = calloc(channels * (w * w + 1), sizeof(double));
   Response response = {0};
@@ -311,7 +328,8 @@ INLINE int64_t begin(const Tables *t, const Linear *at, const Outputs *out, cons
   }
   for (int64_t first = 0; first < out->samples; first += BLOCK) {
     const int64_t count = out->samples - first < BLOCK ? out->samples - first : BLOCK, place = first * channels;
-    double *rows = fit->by_state ? fit->by_state + place * n : by_state, *left = fit->residual + place;
+    double *rows = fit->by_state ? fit->by_state + place * n : by_state;
+    double *left = sizes ? by_state + BLOCK * channels * n : fit->residual + place;
     respond(t, at, channels, C, &response, count, out->direct + place, left, rows);
     for (int64_t k = 0; k < count * channels; k++) {
       double given = 0.0;
@@ -325,6 +343,7 @@ INLINE int64_t begin(const Tables *t, const Linear *at, const Outputs *out, cons
   int finite = 1;
   for (int64_t k = 0; k < channels * w * w; k++) finite &= isfinite(factors[k]) != 0;
   const int64_t done = !finite ? NOT_FINITE : start_by(n, channels, factors, r, fit->start) ? 0 : NO_MEMORY;
+  if (sizes && !done) sizes_from(n, channels, factors, to.counts, r, fit->start, sizes);
   free(factors);
   return done;
 }
@@ -336,7 +355,7 @@ INLINE int64_t fit_at(const Tables *t, const Linear *at, const Outputs *out, con
   const int64_t n = t->n, p = t->p, channels = out->channels, all = out->samples * channels;
   double *room = malloc(BLOCK * channels * (n + p) * sizeof(double)), *slopes_room = room + BLOCK * channels * n;
   if (!room) return NO_MEMORY;
-  int64_t done = begin(t, at, out, C, r, fit, room);
+  int64_t done = begin(t, at, out, C, r, fit, room, NULL);
   Response response = {0};
   Sensitivity sensitivity = {0};
   Triangles to = {0};
@@ -368,10 +387,11 @@ INLINE int64_t fit_at(const Tables *t, const Linear *at, const Outputs *out, con
   return done;
 }
 
-/* Fill the fit of a record at coordinates. Steps that are not given are made. Returns UNREACHED where the series
- * does not reach one, NOT_FINITE where derivatives by the first state are not finite. */
-ENTRY int64_t dynid_fit(const Tables *t, const Linear *given, const double *eta, const Outputs *out, const Fitted *r,
-                        const Fit *fit) {
+/* Fill the fit of a record at coordinates, or the first state and the RMS of its residuals alone (`sizes`: channels).
+ * Steps that are not given are made. Returns UNREACHED where the series does not reach one, NOT_FINITE where
+ * derivatives by the first state are not finite. */
+static int64_t fit_to(const Tables *t, const Linear *given, const double *eta, const Outputs *out, const Fitted *r,
+                      const Fit *fit, double *sizes) {
   const int64_t n = t->n, p = t->p, size = out->channels * n, wide = padded(n * (1 + p)), tall = n * padded(n + p);
   const int64_t forward = given ? 0 : t->lengths * (n + t->q) * wide;
   const int64_t phis = given ? 0 : t->lengths * (1 + p) * tall;
@@ -403,9 +423,35 @@ ENTRY int64_t dynid_fit(const Tables *t, const Linear *given, const double *eta,
     C = sum;
     C_slopes = slopes;
   }
-  if (!done) done = fit_at(t, given ? given : &own, out, C, C_slopes, r, fit);
+  const Linear *at = given ? given : &own;
+  if (!done && sizes) {
+    double *room = malloc(BLOCK * out->channels * (n + 1) * sizeof(double));
+    done = room ? begin(t, at, out, C, r, fit, room, sizes) : NO_MEMORY;
+    free(room);
+  } else if (!done)
+    done = fit_at(t, at, out, C, C_slopes, r, fit);
   free(all);
   return done;
+}
+
+/* Fill the fit of a record at coordinates; returns as of `fit_to`. */
+ENTRY int64_t dynid_fit(const Tables *t, const Linear *given, const double *eta, const Outputs *out, const Fitted *r,
+                        const Fit *fit) {
+  return fit_to(t, given, eta, out, r, fit, NULL);
+}
+
+/* Fill the RMS of the residuals (count x channels) at coordinates (count x p), NaN where a step is not reached or a
+ * derivative not finite; `start`: room for a first state (n). */
+ENTRY int64_t dynid_sizes(const Tables *t, int64_t count, const double *eta, const Outputs *out, const Fitted *r,
+                          double *start, double *sizes) {
+  const Fit fit = {.start = start};
+  for (int64_t k = 0; k < count; k++) {
+    double *size = sizes + k * out->channels;
+    const int64_t done = fit_to(t, NULL, eta + k * t->p, out, r, &fit, size);
+    if (done == NO_MEMORY) return NO_MEMORY;
+    for (int64_t c = 0; done && c < out->channels; c++) size[c] = NAN;
+  }
+  return 0;
 }
 
 /* Set the shortest least-squares solution (columns) of rows [A, b] (rows x columns + 1). */

@@ -292,17 +292,18 @@ class OptimaSearch:
             return
         apart = np.maximum(_DISTINCT_OPTIMUM_DEVIATIONS * deviations, _SAME_UNITS * likelihood.priors.units)
         seen = list(points)
-        ranked: list[tuple[float, int, Array]] = []
+        starts = []
         for start in map(likelihood.priors.clipped, self._starts(best.fit.eta)):
             if _is_new(start, seen, apart):
                 seen.append(start)
-                try:
-                    with guarded("the prediction"):
-                        ranked.append((likelihood.misfit_at(start), len(ranked), start))
-                except DynidError:
-                    continue
-                if len(ranked) == _RANKED + self.searched:
-                    break
+                starts.append(start)
+        ranked: list[tuple[float, int, Array]] = []
+        while starts and (left := _RANKED + self.searched - len(ranked)) > 0:
+            pairs = zip(likelihood.misfits_at(np.array(starts[:left])).tolist(), starts, strict=False)
+            for misfit, start in pairs:
+                if not math.isnan(misfit):
+                    ranked.append((misfit, len(ranked), start))
+            del starts[:left]
         ends = list(points)
         for misfit, _, start in sorted(ranked)[: self.searched] + afar:
             optimum = self._searched(best, start, misfit)
@@ -326,23 +327,28 @@ class OptimaSearch:
         starts: list[tuple[float, float, Array]] = []
         directions: list[_FlatDirection] = []
         max_count, steepest = (_DIRECTIONS, _STEEP) if symmetric else (_MAX_DIRECTIONS, 1)
-        for direction, size in list(zip(U.T, s, strict=False))[:max_count]:
-            for side in (direction, -direction):
-                distance, steep = FLAT_DISTANCE, 0 if size > _SAME_UNITS else steepest  # of clean data none
-                while 0 < distance * size <= _FARTHEST and steep < steepest:
-                    predicted = values / 2 * math.log1p(distance**2 / values)
-                    away = distance * size * units * side
-                    start = likelihood.priors.clipped(eta + away)
-                    distance *= 2
-                    try:
-                        with guarded("the prediction"):
-                            misfit = likelihood.misfit_at(start)
-                    except DynidError:
-                        continue
-                    starts.append(((misfit - best.misfit) / predicted, misfit, start))
-                    if distance == 2 * FLAT_DISTANCE and np.array_equal(start, eta + away):
-                        directions.append(_FlatDirection(away, misfit - best.misfit, predicted))
-                    steep = 0 if starts[-1][0] < _FLAT else steep + 1
+        # One deviation on either side of each direction, its length in units, and how long it has been steep.
+        lines = [
+            (size * units * side * direction, size, 0)
+            for direction, size in zip(U.T[:max_count], s.tolist(), strict=False)
+            for side in (1, -1)
+            if size > _SAME_UNITS  # of clean data none
+        ]
+        distance, misfit = FLAT_DISTANCE, best.misfit
+        while lines := [line for line in lines if distance * line[1] <= _FARTHEST and line[2] < steepest]:
+            predicted = values / 2 * math.log1p(distance**2 / values)
+            away = distance * np.array([deviation for deviation, _, _ in lines])
+            points = likelihood.priors.clipped(eta + away)
+            within = np.all(points == eta + away, axis=1)
+            rises = likelihood.misfits_at(points) - misfit
+            for k, (line, rise) in enumerate(zip(lines, rises.tolist(), strict=True)):
+                if math.isnan(rise):
+                    continue
+                starts.append((rise / predicted, misfit + rise, points[k]))
+                if distance == FLAT_DISTANCE and within[k]:
+                    directions.append(_FlatDirection(away[k], rise, predicted))
+                lines[k] = (*line[:2], 0 if rise < _FLAT * predicted else line[2] + 1)
+            distance *= 2
         flat = sorted((start for start in starts if start[0] < _FLAT), key=lambda start: start[0])
         flattest = min(directions, key=lambda direction: direction.rise / direction.predicted, default=None)
         contradicted = flattest is not None and flattest.rise < _FLAT * flattest.predicted

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from dynid.errors import DynidError
 from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.systems.parametric_model import Model
+from dynid.parameters import starts
 from dynid.structure.model import StructuralModel
 
 Permutation = tuple[int, ...]
@@ -42,6 +44,8 @@ _DIFFERENCE_STEP = 0.07
 _RANDOM_POINT_DEVIATION = 0.3
 # Points at which a prediction may not exist, one after the other, before a search is given up.
 _POINT_ATTEMPTS = 3
+# Symmetries of likelihoods without noise, by what each parameter is.
+_SHARED: WeakKeyDictionary[Likelihood, dict[tuple[str, ...], list[Permutation]]] = WeakKeyDictionary()
 #: Most evaluations of a search for symmetries.
 MOST_EVALUATIONS = 200
 
@@ -102,10 +106,16 @@ def symmetries(likelihood: Likelihood, kinds: Sequence[str], eta: Array) -> list
     """Return permutations of the unknown parameters that leave the prediction as it is, without the identity.
 
     They generate the group of all. Of large records the first parts are compared: a symmetry shows in any.
+    Likelihoods that share their records without noise share their symmetries.
 
     `likelihood`: the likelihood of the records, whose values do not matter; `kinds`: what each parameter is
     (p): only those of one kind are exchanged. `eta`: coordinates (p) near which predictions exist.
     """
+    if (noiseless := likelihood.noiseless) is not None:
+        shared = _SHARED.setdefault(noiseless, {})
+        if (key := tuple(kinds)) not in shared:
+            shared[key] = symmetries(noiseless, kinds, starts(noiseless.unknowns))
+        return shared[key]
     try:
         return _Search(likelihood.shortened(eta), kinds, eta).permutations()
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):

@@ -152,6 +152,14 @@ class Likelihood:
         parts = [record.misfit(record.data.counts, record.residual_rms_at(eta)) for record in self.records]
         return self._prior_misfit(eta) + sum(parts)
 
+    def misfits_at(self, etas: Array) -> Array:
+        """Return the misfits at coordinates (count x p), NaN where there is no prediction."""
+        misfits = np.array([self._prior_misfit(eta) for eta in etas])
+        for record in self.records:
+            sizes = record.residual_rms_of(etas)
+            misfits += [record.misfit(record.data.counts, size) for size in sizes]
+        return misfits
+
     def record_misfit(self, fit: Fit) -> float:
         """Return the misfit of the records alone, without the priors."""
         fits = zip(self.records, fit.parts, strict=True)

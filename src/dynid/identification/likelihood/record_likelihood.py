@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Self
@@ -16,8 +17,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.arrays import Array
+from dynid.arrays import Array, guarded
 from dynid.defaults import HUBER
+from dynid.errors import DynidError
 from dynid.identification.information import RECORD, Information, Observed, information
 from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
 from dynid.identification.records.measurement import RecordData
@@ -289,6 +291,14 @@ class RecordLikelihood(ABC):
     def residual_rms_at(self, eta: Array) -> Array:
         """Return the RMS of the residuals, whitened, at these coordinates (channels)."""
         return root_mean_square(self.residual(eta))
+
+    def residual_rms_of(self, etas: Array) -> Array:
+        """Return the RMS of the residuals at coordinates (count x p), NaN without a prediction."""
+        sizes = np.full((len(etas), len(self.data.rms)), np.nan)
+        for size, eta in zip(sizes, etas, strict=True):
+            with suppress(DynidError), guarded("the prediction"):
+                size[:] = self.residual_rms_at(eta)
+        return sizes
 
     def unwhitened_rms(self, fit: RecordFit) -> Array:
         """Return the RMS of the residuals (channels), not whitened."""

@@ -449,6 +449,12 @@ def saturated_coordinates(
 
 def _directions(columns: Array) -> Directions:
     """Return the directions that columns (rows x d) add, of norm 1 or parts of such (Gram–Schmidt)."""
+    candidates = np.flatnonzero(np.linalg.norm(columns, axis=0) > _NEW_DIRECTION_NORM)
+    if len(candidates) <= len(columns):
+        Q, R = np.linalg.qr(columns[:, candidates])
+        along = R.diagonal()
+        if np.abs(along).min(initial=np.inf) > 2 * _NEW_DIRECTION_NORM:  # all are new, beyond rounding
+            return Directions(candidates, np.abs(along), (Q * np.sign(along)).T)
     directions = np.zeros((min(columns.shape), len(columns)))
     places: list[int] = []
     size: list[float] = []

@@ -25,7 +25,7 @@ from dynid.identification.records.noise import Autoregression, ColouredNoise, es
 from dynid.identification.residual_tests import spectrum
 from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems import kernels
-from dynid.identification.systems.free_decays import FreeDecays, free_decays
+from dynid.identification.systems.free_decays import FreeDecays, are_many, free_decays
 from dynid.identification.systems.known_inputs import (
     NONE_LEFT_OUT,
     SAMPLE_TIME_TOL,
@@ -45,6 +45,7 @@ from dynid.identification.systems.prediction import (
     prediction,
 )
 from dynid.lti.signals import Sampled
+from dynid.native import compiled
 from dynid.parameters import named, rates, starts, values
 from dynid.structure.ports import Channel
 
@@ -317,7 +318,9 @@ class TimeRecord(RecordLikelihood):
 
     def decays(self, eta: Array) -> FreeDecays | None:
         """Return the decays that all channels share; None where there are missing values, or few of all."""
-        if not (self._fitted_in_blocks and self.superposes) or np.isnan(self.data.values).any():
+        if not (are_many(self.model) and self._fitted_in_blocks and self.superposes):
+            return None
+        if np.isnan(self.data.values).any():
             return None
         return free_decays(self.model, eta)
 
@@ -469,11 +472,27 @@ class TimeRecord(RecordLikelihood):
     def residual_rms_at(self, eta: Array) -> Array:
         """Return the RMS of the residuals, whitened, at these coordinates (channels)."""
         if self._fitted_in_blocks:
-            return root_mean_square(self.residual(eta))
+            size: Array = self._sizes(eta[None])[0]
+            return root_mean_square(self.residual(eta)) if np.isnan(size).any() else size
         self.system_model.evaluations += 1
         rows, counts = self._rows(free_prediction(self.model, eta)[0], self.data.values)
         left = rows[..., -1] - rows[..., :-1] @ (self._start(rows, None) - self.model.initial)
         return np.asarray(np.sqrt(np.einsum("cr,cr->c", left, left) / counts) * self.data.rms)
+
+    def residual_rms_of(self, etas: Array) -> Array:
+        """Return the RMS of the residuals at coordinates (count x p), NaN without a prediction."""
+        sizes = self._sizes(etas)
+        if (missed := np.isnan(sizes).any(axis=1)).any():
+            sizes[missed] = super().residual_rms_of(etas[missed])
+        return sizes
+
+    def _sizes(self, etas: Array) -> Array:
+        """Return the RMS of the residuals (count x channels) by one call, NaN where that is not possible."""
+        together = self.superposes and self.model.affine is not None and self._fitted_in_blocks
+        if not together or are_many(self.model) or not compiled("dynid_sizes"):
+            return np.full((len(etas), len(self.data.rms)), np.nan)
+        self.system_model.evaluations += len(etas)
+        return kernels.residual_rms(self.model, etas, self.data.values, self._first_state(None))
 
     def unwhitened_rms(self, fit: RecordFit) -> Array:
         """Return the RMS of the residuals (channels), not whitened."""

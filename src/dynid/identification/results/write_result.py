@@ -278,7 +278,8 @@ def _add_comparison(result: Result, posterior: Posterior) -> None:
     result.add(f"{group}/converged", posterior.converged)
     for name in ("explained", "redundancy", "signal_p", "signal_explained", "lack_of_fit_p", "lacks_fit"):
         result.add(f"{group}/{name}", getattr(compared, name))
-    result.add(f"{group}/channel_lack_of_fit_p", compared.channel_lack_of_fit_p, ("channel",))
+    if result.wants(f"{group}/channel_lack_of_fit_p"):
+        result.add(f"{group}/channel_lack_of_fit_p", compared.channel_lack_of_fit_p, ("channel",))
     if posterior.rejection is not None:
         return
     flat = posterior.optima is not None and posterior.optima.flat is not None

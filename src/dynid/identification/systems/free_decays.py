@@ -38,13 +38,18 @@ class FreeDecays:
         return np.asarray(self.columns @ self.weights[channel])
 
 
+def are_many(model: ParametricModel) -> bool:
+    """Return True if the free responses of a model are so many that sharing decays is worth it."""
+    return len(model.channels) * len(model.times) * model.states**2 >= SHARED_DECAYS.value
+
+
 def free_decays(model: ParametricModel, eta: Array) -> FreeDecays | None:
     """Return the free responses of a model at coordinates (p); None where they are few, or ill-conditioned.
 
     The channels are sampled at the times of the model.
     """
     n = model.states
-    if len(model.channels) * len(model.times) * n**2 < SHARED_DECAYS.value:
+    if not are_many(model):
         return None
     C = model.output(eta)[0]
     poles, V = np.linalg.eig(model.at(eta).A)

@@ -48,12 +48,16 @@ class Linear(NamedTuple):
 # Of models, and outputs of affine ones.
 _TABLES: WeakKeyDictionary[ParametricModel, Any] = WeakKeyDictionary()
 _OUTPUTS: WeakKeyDictionary[ParametricModel, Any] = WeakKeyDictionary()
+_DOUBLE = np.dtype(float)
 # What a fit returns where the series does not reach a step, and where derivatives are not finite.
 _UNREACHED, _NOT_FINITE = 1, 2
 
 
 def plain(array: Array) -> Array:
     """Return an array as the kernels take it."""
+    flags = array.flags
+    if array.dtype is _DOUBLE and flags.c_contiguous and flags.writeable:
+        return array
     return np.require(array, float, ["C", "W"])
 
 
@@ -309,15 +313,7 @@ def fitted(
         np.empty((channels, n + p + 1, n + p + 1)) if factors else None,
         np.zeros(channels, dtype=np.int64),
     )
-    read = structure(
-        values=plain(values),
-        rms=plain(first.rms),
-        weights=plain(first.weights),
-        initial=plain(model.initial),
-        root=plain(first.root),
-        rank=first.rank,
-    )
-    arguments = outputs(model, eta), read, structure(**fit._asdict())
+    arguments = outputs(model, eta), _read(model, values, first), structure(**fit._asdict())
     missed = model.affine is None
     if not missed:
         missed = (done := call("dynid_fit", tables(model), None, plain(eta), *arguments)) == _UNREACHED
@@ -326,6 +322,29 @@ def fitted(
     if done == _NOT_FINITE:
         finite("the sensitivity of the record", np.array(np.nan))
     return fit
+
+
+def residual_rms(model: ParametricModel, etas: Array, values: Array, first: FirstState) -> Array:
+    """Return the RMS of residuals (count x channels) of fits of an affine model at coordinates (count x p).
+
+    NaN where the series does not reach a step, or the derivatives by the first state are not finite.
+    """
+    sizes = np.empty((len(etas), values.shape[1]))
+    read, start = _read(model, values, first), np.empty(model.states)
+    call("dynid_sizes", tables(model), len(etas), plain(etas), outputs(model, etas[0]), read, start, sizes)
+    return sizes
+
+
+def _read(model: ParametricModel, values: Array, first: FirstState) -> Any:
+    """Return what a fit reads."""
+    return structure(
+        values=plain(values),
+        rms=plain(first.rms),
+        weights=plain(first.weights),
+        initial=plain(model.initial),
+        root=plain(first.root),
+        rank=first.rank,
+    )
 
 
 def triangles(
