@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from dynid.arithmetic.numbers import OutOfRangeError
+from dynid.arrays import norm_of_inverse
 from dynid.defaults import DENSE_EQUILIBRIUM
 
 if TYPE_CHECKING:
@@ -54,20 +55,17 @@ class Factor:
             self._decompose()
 
     def _factorise(self) -> None:
-        from scipy.sparse.linalg import LinearOperator, onenormest, splu
+        from scipy.sparse.linalg import splu
 
         try:
             lu = splu(self._matrix.tocsc())
         except RuntimeError:  # exactly singular
             return
-        shape, solve = self._matrix.shape, cast("Any", lu.solve)
-        inverse = cast("Any", LinearOperator)(
-            shape, matvec=solve, rmatvec=lambda right: solve(right, "T"), dtype=np.dtype(float)
-        )
+        rows, solve = self._matrix.shape[0], cast("Any", lu.solve)
         with np.errstate(all="ignore"):
-            size = onenormest(inverse) if shape[0] > 4 else np.linalg.norm(solve(np.eye(shape[0])), 1)
+            size = norm_of_inverse(rows, solve, lambda right: solve(right, "T"))
         condition = float(size * abs(self._matrix).sum(axis=0).max())
-        large = shape[0] > DENSE_EQUILIBRIUM.value  # then the residual at high precision decides alone
+        large = rows > DENSE_EQUILIBRIUM.value  # then the residual at high precision decides alone
         if np.isfinite(condition) and (large or condition < 1 / _SINGULAR_TOL):
             self._lu, self.condition = lu, condition
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from dynid.defaults import ALL_MODES, DENSE_MODES, FEW_MODES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure.matrices import Matrix, as_array, is_sparse
 from dynid.structure.modes.pencil import Pencil, StrainEnergy, absolute, blocks, scaled, times, too_many
+
+if TYPE_CHECKING:
+    from dynid.structure.backends import Factorisation
 
 # Strain energy of a rigid-body motion, relative to that of its parts: rounding of the stiffness.
 _ROUNDING = 16 * float(np.finfo(float).eps)
@@ -231,12 +234,31 @@ def _rigid(square: Array, parts: Array) -> NDArray[np.bool_]:
     return np.asarray((energy <= max(_ROUNDING, 10 * lowest)) | (parts == 0))
 
 
+class ScaledFactors(NamedTuple):
+    """Factors of a sparse matrix (n x n) whose rows and columns are scaled by `scale`, powers of two.
+
+    `condition`: that of the scaled matrix.
+    """
+
+    matrix: Matrix
+    factor: Factorisation
+    scale: Array
+    condition: float
+
+
+def _same(new: Matrix, old: Matrix) -> bool:
+    return new is old or all(
+        np.array_equal(getattr(new, part), getattr(old, part)) for part in ("indptr", "indices", "data")
+    )
+
+
 @dataclass
 class ModeMemory:
     """The last modes of large matrices, for those who ask for the same ones again.
 
     `seconds` is the time that modes took that were asked for again: the cost of work that shares them is
-    its own time and that. `cost` is the time that the last modes took.
+    its own time and that. `cost` is the time that the last modes took. `inverse` is a stiffness that was
+    factorised for something else, for the next modes of it: they own the factors, and free them.
     """
 
     seconds: float = 0.0
@@ -244,6 +266,12 @@ class ModeMemory:
     backend: str = ""
     modes: Modes | None = None
     cost: float = 0.0
+    inverse: ScaledFactors | None = None
+
+    def take_inverse(self, K: Matrix) -> ScaledFactors | None:
+        """Return the factors of a stiffness, if they are known, and forget them."""
+        inverse, self.inverse = self.inverse, None
+        return inverse if inverse is not None and _same(K, inverse.matrix) else None
 
     def recall(self, matrices: tuple[Matrix, Matrix, Matrix], count: int, backend: str) -> Modes | None:
         """Return the lowest modes of the same matrices, if they are known."""
@@ -251,11 +279,7 @@ class ModeMemory:
             return None
         if self.backend != backend or count > len(self.modes.omega):
             return None
-        if not all(
-            new is old or np.array_equal(getattr(new, part), getattr(old, part))
-            for new, old in zip(matrices, self.matrices, strict=True)
-            for part in ("indptr", "indices", "data")
-        ):
+        if not all(map(_same, matrices, self.matrices)):
             return None
         self.seconds += self.cost
         return self.modes.first(count)
@@ -266,8 +290,8 @@ _memory: ContextVar[ModeMemory | None] = ContextVar("memory", default=None)
 
 @contextmanager
 def remembered_modes() -> Iterator[ModeMemory]:
-    """Compute the lowest modes of the same large matrices only once within the block."""
-    memory = ModeMemory()
+    """Compute the lowest modes of the same large matrices only once within the block, or one around it."""
+    memory = _memory.get() or ModeMemory()
     token = _memory.set(memory)
     try:
         yield memory
@@ -352,6 +376,7 @@ def _lowest_sparse(
         if below is None and count is not None and (known := memory.recall((M, C, K), count, backend)):
             return known
         memory.matrices = memory.modes = None  # they need not be kept any longer
+    inverse = None if memory is None else memory.take_inverse(K)
     started = perf_counter()
     from scipy.sparse import csc_array
 
@@ -360,8 +385,12 @@ def _lowest_sparse(
     pencil = scaled(csc_array(K), csc_array(M))
     spectrum = SparseSpectrum(pencil, backend)
     if below is not None:
+        del inverse  # a count comes first
         square, shapes, counted = spectrum.below(below**2)
     elif count is not None:
+        if inverse is not None:
+            spectrum.start_from(*inverse[1:])
+        del inverse  # the spectrum frees its factors before it counts
         square, shapes, counted = spectrum.lowest(count, proof=proof)
     else:
         raise UsageError(

@@ -178,6 +178,8 @@ def _norm(w: Array, p: Array) -> float:
 _SHIFT_ATTEMPTS = 6
 # Modes computed above those asked for, to find a gap; and the relative gap wide enough to count in.
 _SPARE, _GAP = 1, 1e-6
+# Condition up to which rounding moves no eigenvalue across a gap, so that the stiffness needs no shift.
+_MAX_CONDITION = _GAP / (4 * float(np.finfo(float).eps))
 # A body has six rigid motions at most: one of seven pairs is elastic, and gives the distance of the others.
 _RIGID_BODY_MODES = 6
 # Relative distance of a limit to a mode at which rounding decides on which side of it the mode lies.
@@ -213,9 +215,19 @@ class SparseSpectrum:
         mass = self.M.diagonal()
         self._ratios = (self.K.diagonal() / np.where(mass > 0, mass, 1.0))[mass > 0]
         self._rng = np.random.Generator(np.random.PCG64(self.seed))
-        self._factor: Factorisation | None = None
+        self._solve: Callable[[Array], Array] | None = None  # with the shifted stiffness
         self._order: Order | None = None  # of elimination, once a factorisation has found it
         self._shift = self._first_shift = self.pencil.shift
+
+    def start_from(self, factor: Factorisation, scale: Array, condition: float) -> None:
+        """Use the factors of the stiffness without a shift, if it is definite and well enough conditioned.
+
+        `scale` (n): of its rows and columns; `condition`: of the stiffness so scaled.
+        """
+        if factor.name == self.backend and factor.negatives == 0 and condition < _MAX_CONDITION:
+            ratio = scale / self.pencil.scale
+            self._solve = lambda force: ratio * factor.solve(ratio * force)
+            self._order, self._shift = factor.order, 0.0
 
     def lowest(self, count: int, *, proof: bool) -> tuple[Array, Array, float]:
         """Return the lowest pairs, and the value below which a count proved that none is missing (or 0).
@@ -263,12 +275,13 @@ class SparseSpectrum:
         from scipy.linalg import eigh
 
         while True:
-            if self._factor is None:
-                self._factor, self._shift = self._shifted()
-                self._order = self._factor.order
+            if self._solve is None:
+                factor, self._shift = self._shifted()
+                self._solve, self._order = factor.solve, factor.order
+                del factor
             start_pairs = (1 / (self.square + self._shift), self.shapes) if len(self.square) else None
             try:
-                theta, shapes = largest(self._factor.solve, self.M, count, self._rng, start_pairs)
+                theta, shapes = largest(self._solve, self.M, count, self._rng, start_pairs)
             except Diverged:
                 if self._raised():
                     continue
@@ -318,7 +331,7 @@ class SparseSpectrum:
         higher = _RAISED * self._first_shift
         if not len(self._ratios) or higher > self._ratios.max():
             return False
-        self._factor, self._first_shift = None, higher
+        self._solve, self._first_shift = None, higher
         return True
 
     def _shifted(self) -> tuple[Factorisation, float]:
@@ -357,7 +370,7 @@ class SparseSpectrum:
         raise _stay_missing(self.backend)
 
     def _count(self, value: float) -> tuple[int, float]:
-        self._factor = None  # two factorisations at a time would double the memory
+        self._solve = None  # two factorisations at a time would double the memory
         backend = self.backend
         if not BACKENDS[backend].indefinite:
             backend = backend_for(self.pencil.size, self.K.nnz)

@@ -13,12 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dynid.arrays import Array, guarded
+from dynid.arrays import Array, guarded, norm_of_inverse
 from dynid.errors import Singular, UsageError
 from dynid.number_format import frequency_text
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix, combined, is_sparse
 from dynid.structure.model import StructuralModel
+from dynid.structure.modes.modes import ScaledFactors
 from dynid.structure.modes.pencil import StrainEnergy
 from dynid.structure.reduction.masters import Indices, Masters, masters_alone
 from dynid.structure.reduction.mode_selection import Interest
@@ -74,10 +75,14 @@ class Partition(NamedTuple):
 
 
 class CheckedSolver(NamedTuple):
-    """A solver with a matrix, and the condition of that matrix scaled to a unit diagonal."""
+    """A solver with a matrix, and the condition of that matrix scaled to a unit diagonal.
+
+    `factors`: those of a sparse one.
+    """
 
     solve: Callable[[Array], Array]
     condition: float
+    factors: ScaledFactors | None = None
 
     def __call__(self, right: Array) -> Array:
         """Solve for right-hand sides (s x columns)."""
@@ -96,14 +101,20 @@ def solver(matrix: Matrix, what: str, remedy: str, size: Array | None = None) ->
         return CheckedSolver(lambda right: right, 1.0)
     size = np.abs(np.asarray(matrix.diagonal())) if size is None else size
     scale = np.exp2(np.round(-0.5 * np.log2(np.where(size > 0, size, 1.0))))
-    factorised = _sparse if is_sparse(matrix) else _dense_factors
+    factors = None
     try:
-        solve, condition = factorised(matrix, scale)
+        if is_sparse(matrix):
+            factors = _sparse(matrix, scale)
+            condition = factors.condition
+            solve: Callable[[Array], Array] = factors.factor.solve
+        else:
+            solve, condition = _dense_factors(matrix, scale)
     except Singular:
         condition = np.inf
     if not condition < _WORST:
         raise Singular(f"{what} (condition {condition:.2g})", remedy=remedy, names=("masters",))
-    return CheckedSolver(lambda right: np.asarray(scale[:, None] * solve(scale[:, None] * right)), condition)
+    column = scale[:, None]
+    return CheckedSolver(lambda right: np.asarray(column * solve(column * right)), condition, factors)
 
 
 def _dense_factors(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]:
@@ -134,16 +145,15 @@ def _dense_factors(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array],
     return solve, condition
 
 
-def _sparse(matrix: Any, scale: Array) -> tuple[Callable[[Array], Array], float]:
+def _sparse(matrix: Any, scale: Array) -> ScaledFactors:
     from scipy.sparse import csc_array, diags_array
-    from scipy.sparse.linalg import LinearOperator, onenormest
 
     from dynid.structure.backends import factorise
 
     D = diags_array(scale)
     factor = factorise(csc_array(D @ matrix @ D))
-    inverse = LinearOperator(matrix.shape, matvec=factor.solve, rmatvec=factor.solve, dtype=np.float64)
-    return factor.solve, float(onenormest(inverse)) * max(factor.size, 1.0)
+    condition = norm_of_inverse(len(scale), factor.solve) * max(factor.size, 1.0)
+    return ScaledFactors(matrix, factor, scale, condition)
 
 
 @dataclass(frozen=True)
@@ -213,16 +223,16 @@ class Dynamic(OnMasters):
 
 
 def _condensed(model: StructuralModel, cut: Partition, omega: float | None = None) -> StructuralReduction:
-    static, condition = constraint_modes(model, cut, omega)
+    static, inverse = constraint_modes(model, cut, omega)
     labels = cut.labels(model)
     reduced = projected(model, cut.basis(static), labels)
-    return StructuralReduction(reduced, labels, condition=condition, inverted=SLAVES)
+    return StructuralReduction(reduced, labels, condition=inverse.condition, inverted=SLAVES)
 
 
 def constraint_modes(
     model: StructuralModel, cut: Partition, omega: float | None = None
-) -> tuple[Array, float]:
-    """Return the slaves' motion with unit motions of the masters (s x m), and the condition of the inverse.
+) -> tuple[Array, CheckedSolver]:
+    """Return the slaves' motion with unit motions of the masters (s x m), and the inverse that gives it.
 
     They follow statically, or as at a frequency `omega`, rad/s.
     """
@@ -238,4 +248,4 @@ def constraint_modes(
             "Condense at another frequency, or take more masters.",
             (np.abs(K.diagonal()) + omega**2 * np.abs(M.diagonal()))[cut.slaves],
         )
-    return -solve(cut.coupling(Z)), solve.condition
+    return -solve(cut.coupling(Z)), solve

@@ -17,6 +17,7 @@ from dynid.errors import Singular, UsageError
 from dynid.structure.labels import Label
 from dynid.structure.matrices import Matrix
 from dynid.structure.model import StructuralModel
+from dynid.structure.modes import remembered_modes
 from dynid.structure.reduction.condensation import SLAVES, OnMasters, Partition, constraint_modes, solver
 from dynid.structure.reduction.masters import Indices, indices_of, interesting
 from dynid.structure.reduction.mode_selection import (
@@ -153,9 +154,13 @@ class CraigBampton(OnMasters):
         held by the boundary.
         """
         cut = self.partition(model)
-        labels, (slaves, condition) = cut.labels(model), constraint_modes(model, cut)
-        requested = wanted_modes(self.modes, self.interest, None)
-        fixed = None if requested == ModeRange(count=0) else self._fixed_modes(cut, model, requested)
+        labels, (slaves, inverse) = cut.labels(model), constraint_modes(model, cut)
+        condition, requested = inverse.condition, wanted_modes(self.modes, self.interest, None)
+        with remembered_modes() as memory:  # the modes use the factors of the constraint modes
+            memory.inverse = inverse.factors
+            del inverse
+            fixed = None if requested == ModeRange(count=0) else self._fixed_modes(cut, model, requested)
+            memory.inverse = None
         names, numbers, rule, doubt = labels, tuple[int, ...](), "", ""
         if fixed is not None:
             numbers, doubt = fixed.numbers, fixed.doubt
