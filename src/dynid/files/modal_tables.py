@@ -1,8 +1,9 @@
 """Measured modes in text, MATLAB and Universal Files.
 
-A text file has one mode a row, and a header: `frequency`, `frequency_std`, `damping`, `damping_std`, the
-sensors' DOFs (``12``, ``13:z``), and the scatter of a sensor as ``std 12``; units stand behind the names, or
-in a row of their own. A MATLAB file has vectors (modes) and matrices (sensors x modes).
+A text file has one mode a row, and a header: `frequency`, `frequency_std`, `damping`, `damping_std`, of
+backbones `amplitude` and `mode`, else the sensors' DOFs (``12``, ``13:z``), and the scatter of a sensor as
+``std 12``; units stand behind the names, or in a row of their own. A MATLAB file has vectors (modes) and
+matrices (sensors x modes).
 """
 
 from __future__ import annotations
@@ -28,9 +29,11 @@ from dynid.units import angular_factor, si_factor, unit_fits, unit_of_field
 
 #: Quantities of a file of modes, which are also the names under which they are looked for.
 QUANTITIES = ("frequency", "frequency_std", "eigenvalue", "eigenvalue_std", "damping", "damping_std", "shape")
+#: Of points of backbones.
+_OF_AMPLITUDES = ("amplitude", "mode")
 _OF_SHAPES = ("shape_std", "tests", "frequency_tests", "dofs")
 _STD = "std "
-#: Units of translations and rotations, which may stand side by side in a shape.
+#: Units of translations and rotations: of amplitudes, and side by side in a shape.
 _MOTIONS = (("m", "rad"), ("m/s", "rad/s"), ("m/s2", "rad/s2"))
 
 
@@ -51,6 +54,11 @@ class ModalTable(NamedTuple):
     covariance: Array | None = None
     absolute: bool = False  # True of shapes of unit modal a, or if they are real, of unit modal mass
     unit: str = ""  # unit of the frequencies, ``Hz`` or ``rad/s``; empty where the file does not state it
+    # Amplitudes at which the modes were measured (r), in an SI unit where the file states it, and the numbers
+    # of the modes (r), from 1.
+    amplitude: Array | None = None
+    amplitude_unit: str = ""
+    mode: Array | None = None
 
 
 def _mean_scatter(file: DataFile, scatter: Array | None, tests: Array | None, key: str) -> Array | None:
@@ -76,13 +84,13 @@ def _by_eigenvalue(vectors: Mapping[str, Array]) -> tuple[Array, Array | None, s
 def from_matlab(file: DataFile, names: Mapping[str, str]) -> ModalTable:
     """Return the modes in a MATLAB file."""
     variables, arrays = matlab.names(file.path), {}
-    for key in (*QUANTITIES, *_OF_SHAPES):
+    for key in (*QUANTITIES, *_OF_AMPLITUDES, *_OF_SHAPES):
         name = names.get(key, key)
         if name in variables or key in names:
             arrays[key] = complex_columns(file, [name], key)
     vectors = {
         key: np.asarray(arrays[key].real, dtype=float).ravel()
-        for key in (*QUANTITIES[:-1], "frequency_tests")
+        for key in (*QUANTITIES[:-1], *_OF_AMPLITUDES, "frequency_tests")
         if key in arrays
     }
     if any(np.any(vectors.get(key, np.ones(1)) <= 0) for key in ("eigenvalue", "frequency_tests")):
@@ -113,6 +121,8 @@ def from_matlab(file: DataFile, names: Mapping[str, str]) -> ModalTable:
         vectors.get("damping_std"),
         _mean_scatter(file, None if shape_std is None else shape_std.real, tests, "tests"),
         unit=unit,
+        amplitude=vectors.get("amplitude"),
+        mode=vectors.get("mode"),
     )
 
 
@@ -124,7 +134,7 @@ def from_text(file: DataFile, names: Mapping[str, str]) -> ModalTable:
     bare, units = zip(*(_name_and_unit(table, k) for k in range(len(table.names))), strict=True)
     at = {
         key: table.find(names[key], key) if key in names else bare.index(key)
-        for key in QUANTITIES[:-1]
+        for key in (*QUANTITIES[:-1], "amplitude", *["mode"] * ("amplitude" in {*names, *bare}))
         if key in names or key in bare
     }
     columns = {key: np.asarray(table.values[:, k].real) for key, k in at.items()}
@@ -136,6 +146,9 @@ def from_text(file: DataFile, names: Mapping[str, str]) -> ModalTable:
     if by_eigenvalue is None and "frequency" not in columns:
         file.refuse(f"has no column 'frequency'; it has {', '.join(bare)}", "Name it: frequency: NAME.")
     frequency, scatter, unit = by_eigenvalue or (columns["frequency"], columns.get("frequency_std"), unit)
+    amplitude_unit = ""
+    if stated.get("amplitude"):
+        amplitude_unit, columns["amplitude"] = _in_si(file, stated["amplitude"], columns["amplitude"])
     unread = {names.get("shape", "shape"), "mode", "name"}
     places = {name: k for k, name in enumerate(bare) if k not in at.values() and name not in unread}
     sensors = [name for name in places if not name.startswith(_STD)]
@@ -160,6 +173,9 @@ def from_text(file: DataFile, names: Mapping[str, str]) -> ModalTable:
         columns.get("damping_std"),
         shape_std if stds else None,
         unit=unit,
+        amplitude=columns.get("amplitude"),
+        amplitude_unit=amplitude_unit,
+        mode=columns.get("mode"),
     )
 
 
@@ -170,10 +186,20 @@ def _name_and_unit(table: DataTable, column: int) -> tuple[str, str]:
     return bare.strip(), unit or unit_of_field(inside.rstrip("] "))
 
 
+def _in_si(file: DataFile, stated: str, amplitude: Array) -> tuple[str, Array]:
+    """Return the SI unit of amplitudes of a motion, and these in it."""
+    for unit in (unit for motion in _MOTIONS for unit in motion):
+        if unit_fits(stated, [unit]):
+            return unit, si_factor(stated, [unit]) * amplitude
+    file.refuse(f"has 'amplitude' in {stated}", "It is a displacement, velocity or acceleration.", colon=True)
+
+
 def _factors(file: DataFile, stated: Mapping[str, str], unit: str) -> dict[str, float]:
     """Return the factors of stated units to ratios, rad^2/s^2, and `unit`; scatter has that of its value."""
     factors = {}
     for key, unit_of_key in stated.items():
+        if key in _OF_AMPLITUDES:
+            continue
         quantity = key.removesuffix("_std")
         text = unit_of_key or stated.get(quantity, "")
         if not text:

@@ -168,6 +168,11 @@ def read_modes(path: Path, names: Mapping[str, str], scene_key: str) -> ModalTab
             number = int(np.argmax(bad))
             problem = f"mode {number + 1} has the damping ratio {modes.damping[number]:g}"
             file.refuse(problem, "A ratio is from 0 to 1; per cent are named: damping [%].", colon=True)
+    for name in ("amplitude", "mode"):
+        values = getattr(modes, name)
+        if values is not None and not np.all(values > 0):  # also where one is missing
+            row = int(np.argmin(values > 0)) + 1
+            file.refuse(f"mode {row} has no positive '{name}'", "Leave it out, or give it one.", colon=True)
     for name in ("frequency_std", "damping_std", "shape_std"):
         values = getattr(modes, name)
         if values is not None and np.any(np.nan_to_num(values) < 0):

@@ -69,6 +69,15 @@ MODAL_SURVEY = Observed(
     "Measure modes in which they act, or with less scatter",
     "Start nearer to the true values, or check model, units and sensors against the survey.",
 )
+BACKBONE = Observed(
+    "backbone",
+    "one another",
+    "amplitudes or modes",
+    "amplitudes or modes",
+    "measure amplitudes at which",
+    "Measure amplitudes at which they act, or with less scatter",
+    "Start nearer to the true values, or check model, units and amplitudes against the backbone.",
+)
 
 
 class _CollinearGroup(NamedTuple):

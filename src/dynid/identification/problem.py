@@ -21,8 +21,8 @@ from dynid.identification.likelihood.record_likelihood import RecordLikelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.records.frf_measurement import FrfMeasurement
 from dynid.identification.records.measurement import Experiment, RecordData, Simulation, sampled_loads
-from dynid.identification.records.modal_measurement import ModalMeasurement
-from dynid.identification.systems.frf_system import frf_data
+from dynid.identification.records.modal_measurement import Backbone, ModalMeasurement
+from dynid.identification.systems.frf_system import check_cost, frf_data
 from dynid.identification.systems.instruments import Instruments, with_spreads
 from dynid.identification.systems.parametric_model import (
     Model,
@@ -119,7 +119,10 @@ class Problem:
         full, modes = model, 0
         if isinstance(survey := measured[-1], ModalMeasurement):
             assert isinstance(model, StructuralModel)
-            full, model, modes, rebuild = _for_survey(model, survey, rebuild, alone=len(measured) == 1)
+            if survey.backbone is not None:
+                measured = *measured[:-1], _with_modes(model, survey, survey.backbone)
+            else:
+                full, model, modes, rebuild = _for_survey(model, survey, rebuild, alone=len(measured) == 1)
         truth = truth or full
         clean = [None] * len(measured) if common is None else common.clean
         values = [_values(truth, *pair) for pair in zip(measured, clean, strict=True)]
@@ -211,12 +214,14 @@ def _check_laws(measured: Sequence[Measured]) -> None:
     if not all(
         isinstance(measurement, Experiment)
         or (isinstance(measurement, FrfMeasurement) and all(frf.amplitude for frf in measurement.channels))
+        or (isinstance(measurement, ModalMeasurement) and measurement.backbone is not None)
         for measurement in measured
     ):
         raise UsageError(
             "frequency responses and modes are linear: they cannot identify nonlinear laws of joints",
-            remedy="State the 'amplitude' of the force in each 'reference' of a stepped sine, identify from "
-            "records of time, or leave out the 'laws': k and c are then those at the amplitude of the test.",
+            remedy="State the 'amplitude' of the force in each 'reference' of a stepped sine, or of each "
+            "mode of a backbone; identify from records of time; or leave out the 'laws': k and c are then "
+            "those at the amplitude of the test.",
             names=("measurement.frf", "measurement.modes", "measurement"),
         )
 
@@ -253,6 +258,27 @@ def _for_survey(
         rebuild = partial(modal_model, full, survey, count=count)
         model = rebuild(start)
     return full, model, count, rebuild
+
+
+def _with_modes(model: StructuralModel, survey: ModalMeasurement, backbone: Backbone) -> ModalMeasurement:
+    """Return a backbone whose points have their modes: without a number the nearest at rest, at the starts.
+
+    Raises UsageError if the joints have no laws.
+    """
+    if not model.nonlinear:
+        raise UsageError(
+            "modes are measured at amplitudes, but no joint has a law: they would all be equal",
+            remedy="State the 'laws' of a joint, or leave the amplitudes out.",
+            names=("measurement.modes.amplitude_of", "measurement.modes"),
+        )
+    from dynid.structure.nonlinear.harmonic_balance import condensed
+
+    check_cost(model, survey.modes)
+    at_rest = condensed(model, named(model.unknowns, starts(model.unknowns)), float(np.mean(survey.omega)))
+    omega = np.sqrt(np.maximum(at_rest.eigenvalues, 0.0))
+    nearest = np.abs(omega - survey.omega[:, None]).argmin(axis=1)
+    mode = np.where(np.isnan(backbone.mode), nearest, backbone.mode)
+    return replace(survey, backbone=backbone._replace(mode=mode))
 
 
 def _values(truth: Model, measurement: Measured, clean: Array | None) -> RecordData:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from dynid.identification.residual_tests import ResidualShape, is_coloured, whit
 from dynid.identification.statistics import chi_squared_tail
 from dynid.number_format import frequency_text, p_text, quantity, share_text, short_percent
 from dynid.parameters import Parameter, coordinates
+
+if TYPE_CHECKING:
+    from dynid.identification.likelihood.modal_record import ModalRecord
 
 # Levels of the warnings: a correlation, an error in standard errors, a part of the samples that are missing
 # or stand at the channel's extreme.
@@ -252,7 +256,8 @@ def _farthest_value(posterior: Posterior) -> str:
     row, column = np.unravel_index(np.nanargmax(off), off.shape)
     squares, degrees = compared.chi_squared
     rest = chi_squared_tail(degrees - 1, max(squares - off[row, column] ** 2, 0.0)) if degrees > 1 else 1.0
-    value = f"{records[k].channels[columns[column]].name} of mode {row + 1}"
+    noun = cast("ModalRecord", records[k]).measurement.noun
+    value = f"{records[k].channels[columns[column]].name} of {noun} {row + 1}"
     said = f"; farthest off is the {value}, by {off[row, column]:.2g} deviations of its residual"
     if rest <= LACK_OF_FIT.value:
         return said

@@ -1,6 +1,7 @@
 """Likelihood of measured modes: frequencies, damping ratios, and shapes of a free scale, Gaussian each.
 
-Every evaluation pairs measured modes with those of the model anew (`paired_modes`).
+Every evaluation pairs measured modes with those of the model anew (`paired_modes`); modes at amplitudes are
+points of the backbones of theirs.
 
 Values are in units of their deviations, ``sigma^2 = scatter^2 + (e size)^2`` with the error e of the model's
 form that the scene states for each quantity. Fit, error bars and verdict are all for these deviations.
@@ -9,17 +10,17 @@ form that the scene states for each quantity. Fit, error bars and verdict are al
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array, guarded
 from dynid.errors import UsageError
-from dynid.identification.information import MODAL_SURVEY, Observed
-from dynid.identification.likelihood.paired_modes import PairedModes, paired_modes, real_parts
+from dynid.identification.information import BACKBONE, MODAL_SURVEY, Observed
+from dynid.identification.likelihood.paired_modes import PairedModes, backbone_modes, paired_modes, real_parts
 from dynid.identification.likelihood.record_likelihood import HIDDEN, RecordFit, RecordLikelihood, ScatterTest
 from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
 from dynid.identification.records.measurement import RecordData
@@ -29,6 +30,7 @@ from dynid.identification.systems.parametric_model import system_of
 from dynid.parameters import Parameter, named, rates
 from dynid.structure.mode_derivatives import ModalSolution, has_damping, lowest_modes
 from dynid.structure.model import StructuralModel
+from dynid.structure.nonlinear.branch import Branch
 
 #: Frequencies nearer to each other, relative, have one span of shapes.
 CLOSE = 1e-4
@@ -74,6 +76,7 @@ class ModalRecord(RecordLikelihood):
     left_out: tuple[int, ...] = ()
     # Lower root of the covariance of the values that are there, and their mask; None of independent ones.
     root: tuple[Array, NDArray[np.bool_]] | None = None
+    branches: dict[int, Branch] = field(default_factory=dict, repr=False)  # of backbones, by mode
     modal: ClassVar[bool] = True
     outlier_remedy: ClassVar[str] = ""  # modes have no robust loss
 
@@ -84,7 +87,7 @@ class ModalRecord(RecordLikelihood):
         Raises UsageError if a sensor's DOF does not exist, or a damping ratio is measured and the structure
         has none.
         """
-        if measurement.has_damping and not has_damping(model):
+        if measurement.has_damping and not (has_damping(model) or model.nonlinear):
             raise UsageError(
                 "damping ratios are measured, but the structure has no damping",
                 remedy="Give it one, or leave the damping ratios out.",
@@ -114,6 +117,8 @@ class ModalRecord(RecordLikelihood):
     @property
     def observed(self) -> Observed:
         """Words for a set of measured modes; without shapes, these have no scales."""
+        if self.measurement.backbone is not None:
+            return BACKBONE
         return MODAL_SURVEY if self.nuisances else MODAL_SURVEY._replace(nuisances="one another")
 
     @property
@@ -129,7 +134,7 @@ class ModalRecord(RecordLikelihood):
             if self.measurement.dofs
             else ""
         )
-        return f"mode {mode + 1}{at}"
+        return f"{self.measurement.noun} {mode + 1}{at}"
 
     def series(self, residual: Array) -> Array:
         """Return nothing: modes have no order in which they could be correlated."""
@@ -249,15 +254,18 @@ class ModalRecord(RecordLikelihood):
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> ModalFit:  # noqa: ARG002
         """Predict the modes at coordinates of the parameters, and compare them with `values`."""
         at = named(self.unknowns, eta)
-        return self.fit_of(eta, self._paired(at, self.model.slopes(at)), values)
+        return self.fit_of(eta, self._paired(at), values)
 
-    def _paired(self, at: Mapping[str, float], slopes: Sequence[Mapping[str, Any]]) -> PairedModes:
-        """Return the modes paired with the measured ones, their derivatives by `slopes` of the matrices."""
-        return paired_modes(self.measurement, self.rows, self.solution(at), slopes, self.error, self.close)
+    def _paired(self, at: Mapping[str, float], *, slopes: bool = True) -> PairedModes:
+        """Return the modes paired with the measured ones, with or without their derivatives."""
+        if self.measurement.backbone is not None:
+            return backbone_modes(self.measurement, self.model, at, self.branches)
+        by = self.model.slopes(at) if slopes else ()
+        return paired_modes(self.measurement, self.rows, self.solution(at), by, self.error, self.close)
 
     def residual(self, eta: Array) -> Array:
         """Return the residual at coordinates `eta` (rows x quantities), without derivatives."""
-        paired = self._paired(named(self.unknowns, eta), ())
+        paired = self._paired(named(self.unknowns, eta), slopes=False)
         return np.asarray(self.data.values - _side_by_side(self.standardised(paired.columns)))
 
     def fit_of(self, eta: Array, paired: PairedModes, values: Array | None = None) -> ModalFit:

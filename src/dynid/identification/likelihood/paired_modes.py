@@ -18,6 +18,7 @@ from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.structure.correlation import mac, paired
 from dynid.structure.mode_derivatives import ModalSolution, has_damping, lowest_modes, modal_basis
 from dynid.structure.model import StructuralModel
+from dynid.structure.nonlinear.branch import Branch
 
 # Modes beside the measured ones that are computed, so that crossings are seen; up to which part of the
 # highest measured frequency; and the most of them.
@@ -115,6 +116,31 @@ def paired_modes(
         columns.append(real_parts(shapes))
         changes.append(real_parts(by_shape))
     return PairedModes(columns, changes, pairs, zeta, shapes, table, pair_mac)
+
+
+def backbone_modes(
+    measured: ModalMeasurement,
+    model: StructuralModel,
+    at: Mapping[str, float],
+    branches: dict[int, Branch],
+) -> PairedModes:
+    """Return frequencies and damping ratios of modes at measured amplitudes, and derivatives by parameters.
+
+    `branches`: as of `backbone_points`.
+    """
+    from dynid.structure.nonlinear.backbone_points import Place, backbone_points
+
+    backbone = measured.backbone
+    assert backbone is not None
+    place, modes = Place(backbone.channel.row(model), backbone.channel.order), backbone.mode.astype(int)
+    near, names = float(np.mean(measured.omega)), [unknown.name for unknown in model.unknowns]
+    points = backbone_points(model, at, names, place, backbone.amplitude, modes, near, branches)
+    columns, slopes = [points.omega], [points.omega_slopes]
+    if measured.has_damping:
+        columns.append(points.damping)
+        slopes.append(points.damping_slopes)
+    none, r = np.zeros((0, measured.modes)), measured.modes
+    return PairedModes(columns, slopes, modes, points.damping, none, np.zeros((r, 0)), np.full(r, np.nan))
 
 
 def _scaled(

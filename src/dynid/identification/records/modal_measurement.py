@@ -39,9 +39,21 @@ _FREE_SCALE = 1e2
 NO_ERROR = Scatter(0.0, 0.0, 0.0)
 
 
+class Backbone(NamedTuple):
+    """Amplitudes of a motion at which modes of a structure with nonlinear joints were measured.
+
+    `channel`: the motion, a `Channel`; `amplitude` (r): of its first harmonic, SI; `mode` (r): numbers of
+    the modes at small amplitudes, from 0, NaN where it is the one nearest in frequency.
+    """
+
+    channel: Any
+    amplitude: Array
+    mode: Array
+
+
 @dataclass(frozen=True, eq=False)
 class ModalMeasurement:
-    """Modes of a structure, as a modal survey gives them."""
+    """Modes of a structure, as a modal survey gives them, or tests at several amplitudes."""
 
     omega: Array  # natural frequencies (r), rad/s
     dofs: tuple[Label, ...] = ()  # dOFs of the sensors (s); none without shapes
@@ -62,6 +74,7 @@ class ModalMeasurement:
     covariance: Array | None = None
     absolute: bool = False  # True of shapes of unit modal a, or if they are real, of unit modal mass
     unit: str = "rad/s"  # unit of the frequencies in results: rad/s or Hz
+    backbone: Backbone | None = None  # the amplitudes at which they were measured, without shapes
 
     def __post_init__(self) -> None:
         r, s = len(self.omega), len(self.dofs)
@@ -83,6 +96,11 @@ class ModalMeasurement:
     def modes(self) -> int:
         """Number of modes."""
         return len(self.omega)
+
+    @property
+    def noun(self) -> str:
+        """What each is called: mode, or point of a backbone."""
+        return "mode" if self.backbone is None else "point"
 
     @property
     def shapes(self) -> NDArray[Any]:

@@ -3,6 +3,7 @@
 - `frequency_measured`, `frequency_start`, `frequency` (in the unit of the measured ones), their relative
   errors `frequency_error_start`, `frequency_error`, and `frequency_std` (scatter with its floor); `damping…`
   alike.
+- `amplitude`: of the first harmonic of the motion at which each was measured, of backbones.
 - `mac_start`, `mac`: modal assurance criterion of each pair; `mac_table_start`, `mac_table` of all pairs of
   measured and computed modes; `comac_start`, `comac`: that of each sensor over all modes.
 - `model_mode_start`, `model_mode`: the modes of the model that the measured ones are paired with, from 1.
@@ -50,6 +51,7 @@ from dynid.identification.information import Information
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.modal_record import ModalFit, ModalRecord
 from dynid.identification.likelihood.record_likelihood import ScatterTest
+from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.identification.systems.parametric_model import Rebuild
 from dynid.parameters import named, rates, starts
 from dynid.progress import report_progress
@@ -242,6 +244,9 @@ def add_modes(
     quantities = [channel.name for channel in record.channels]
     result.add_axes(GROUP, mode=np.arange(1, r + 1), quantity=quantities)
     dims, frequency = ("mode",), factor * measured.omega
+    if (of := measured.backbone) is not None:
+        result.add(f"{GROUP}/amplitude", of.amplitude, dims, of.channel.unit)
+        result.annotate(GROUP, amplitude_of=of.channel.name)
     scatter = measured.deviations()[0] * frequency
     result.add_all(GROUP, dims, measured.unit, frequency_measured=frequency, frequency_std=scatter)
     for suffix, fit in (("_start", before), ("", after)):
@@ -268,7 +273,7 @@ def add_modes(
     result.add_all(GROUP, ("quantity",), model_error=record.error, scatter_floor=floors)
     if needed is not None:
         result.add(f"{GROUP}/model_error_needed", needed.error, ("quantity",))
-    said = _add_leverage(result, posterior.comparison.tables[0], r)
+    said = _add_leverage(result, posterior.comparison.tables[0], measured)
     if len(posterior.likelihood.records) == 1:
         in_error = needed is not None or bool(record.error.any())
         said += _add_diagnosis(result, posterior, record, rebuild, in_error=in_error)
@@ -277,17 +282,18 @@ def add_modes(
     return result
 
 
-def _add_leverage(result: Result, table: ScatterTest, modes: int) -> list[str]:
+def _add_leverage(result: Result, table: ScatterTest, measured: ModalMeasurement) -> list[str]:
     """Add how much of an error of each frequency the parameters absorb; return where it would not show."""
-    leverage, studentised = table.leverage[:modes, 0], table.studentised[:modes, 0]
+    leverage, studentised = table.leverage[: measured.modes, 0], table.studentised[: measured.modes, 0]
     result.add_all(GROUP, ("mode",), frequency_leverage=leverage, frequency_studentised=studentised)
     absorbed = np.flatnonzero(leverage > ABSORBED)
     if not len(absorbed):
         return []
+    more = "modes or sensors" if measured.backbone is None else "amplitudes"
     listed = ", ".join(f"{k + 1} ({100 * leverage[k]:.3g} %)" for k in absorbed)
     return [
         "an error of a measured frequency would move the estimates rather than show in the residuals, since "
-        f"the parameters follow it (leverage), of mode {listed}: measure more modes or sensors, or give "
+        f"the parameters follow it (leverage), of {measured.noun} {listed}: measure more {more}, or give "
         "priors, where such errors are to be detected"
     ]
 
@@ -329,7 +335,9 @@ def _add_diagnosis(
         if len(worst):
             bars = predictions.deviation
             shown = ", ".join(
-                f"mode {k + 1} {100 * predictions.error[k]:+.2g} % (bar {100 * bars[k]:.2g} %)" for k in worst
+                f"{record.measurement.noun} {k + 1} {100 * predictions.error[k]:+.2g} % (bar "
+                f"{100 * bars[k]:.2g} %)"
+                for k in worst
             )
             said.insert(
                 0,

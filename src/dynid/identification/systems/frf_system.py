@@ -21,7 +21,7 @@ from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
-    from dynid.structure.nonlinear.stepped_sine import Branch
+    from dynid.structure.nonlinear.branch import Branch
 
 # The most numbers that the solutions at all lines may take.
 _MAX_RESPONSE_NUMBERS = 100_000_000
@@ -128,7 +128,8 @@ class FrfSystem:
 
         NaN where the branch of the sweep does not exist.
         """
-        from dynid.structure.nonlinear.stepped_sine import Branch, Motions, Sine, stepped_sine
+        from dynid.structure.nonlinear.branch import Branch
+        from dynid.structure.nonlinear.stepped_sine import Motions, Sine, stepped_sine
 
         assert isinstance(self.model, StructuralModel)
         names = [unknown.name for unknown in self.system.unknowns]

@@ -30,6 +30,7 @@ from dynid.report.content.identifiability import (
 from dynid.report.content.responses import (
     derived_sections,
     has_modes,
+    is_backbone,
     modal_sections,
     modal_summary,
     response_sections,
@@ -361,6 +362,7 @@ def cautions(result: Result) -> Iterator[str]:
             remedy = f"check {priors}model, units, signs and starts, and whether a joint is nonlinear"
         elif redundancy is not None and int(redundancy.data) <= 0:
             more = "modes or sensors" if _is_modal(result) else "channels or excitation frequencies"
+            more = "amplitudes" if is_backbone(result) else more
             remedy = f"add {more}, or fix a parameter"
         else:
             remedy = "use method auto, or more passes"

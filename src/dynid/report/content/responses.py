@@ -26,13 +26,19 @@ def has_modes(result: Result) -> bool:
     return f"{GROUP}/frequency_measured" in result
 
 
+def is_backbone(result: Result) -> bool:
+    """Return True if a result has modes measured at amplitudes."""
+    return f"{GROUP}/amplitude" in result
+
+
 def modal_summary(result: Result) -> str:
     """Return the numbers of modes and sensors, and the span of frequencies."""
     measured = result[f"{GROUP}/frequency_measured"]
     span = f"{measured.data.min():.5g} … {measured.data.max():.5g} {measured.units}"
     sensors = len(result[f"{GROUP}/sensor"].data) if f"{GROUP}/sensor" in result else 0
     at = f", shapes at {counted(sensors, 'sensor')}" if sensors else ""
-    return f"{counted(measured.data.size, 'measured mode')}, {span}{at}"
+    what = "backbone point" if is_backbone(result) else "measured mode"
+    return f"{counted(measured.data.size, what)}, {span}{at}"
 
 
 def modal_table(result: Result) -> TextTable:
@@ -44,11 +50,16 @@ def modal_table(result: Result) -> TextTable:
     }
     unit = result[f"{GROUP}/frequency_measured"].units
     shapes, damping, left = "mac" in get, "damping_measured" in get, "left_out_error" in get
-    heads = ["mode", f"measured {unit}", "model", "error at start", "error"]
+    sizes = result[f"{GROUP}/amplitude"] if "amplitude" in get else None
+    heads = ["mode"] if sizes is None else ["point", "mode", f"amplitude {sizes.units}"]
+    heads += [f"measured {unit}", "model", "error at start", "error"]
     heads += ["left out"] * left + ["MAC at start", "MAC"] * shapes + ["ζ measured", "ζ"] * damping
     rows = []
     for k in range(len(get["mode"])):
-        row = [str(k + 1), f"{get['frequency_measured'][k]:.5g}", f"{get['frequency'][k]:.5g}"]
+        row = [str(k + 1)]
+        if sizes is not None:
+            row += [str(get["model_mode"][k]), general(float(sizes.data[k]))]
+        row += [f"{get['frequency_measured'][k]:.5g}", f"{get['frequency'][k]:.5g}"]
         errors = ("frequency_error_start", "frequency_error", *(["left_out_error"] if left else []))
         row += [_text(100 * get[name][k], "{:+.2f} %") for name in errors]
         row += [_text(get[name][k], "{:.3f}") for name in ("mac_start", "mac") if shapes]
@@ -67,7 +78,8 @@ def modal_sections(result: Result) -> Iterator[ReportSection]:
         # Errors of the model's form, and what the data determine.
         statements = map(Statement, texts(result, f"{GROUP}/statements"))
         blocks = (on_page(Statement(modal_summary(result))), modal_table(result), *statements)
-        yield ReportSection("Measured modes", blocks, "answer", screen="")
+        title = "Measured backbones" if is_backbone(result) else "Measured modes"
+        yield ReportSection(title, blocks, "answer", screen="")
 
 
 DERIVED, _POSTERIOR = "identification/derived", "identification/posterior"

@@ -9,13 +9,13 @@ from functools import partial
 import numpy as np
 
 from dynid.arrays import Array
-from dynid.report.content.responses import GROUP, has_modes, modal_table
+from dynid.report.content.responses import GROUP, has_modes, is_backbone, modal_table
 from dynid.report.drawing.space import GROUP as SPACE
 from dynid.report.drawing.space import Space, bent_line
 from dynid.report.drawing.structure_scene import StructureGeometry, geometry_of
-from dynid.report.figure import CellValue, Figure, FigureTable, Picture
-from dynid.report.notation import short, texts
-from dynid.report.plot import Chart, Layer, Markers, PlotAxis, ReferenceLine, Subplot, matrix_chart
+from dynid.report.figure import CellValue, Figure, FigureTable, Picture, table_of
+from dynid.report.notation import labelled, short, texts
+from dynid.report.plot import Chart, Curve, Layer, Markers, PlotAxis, ReferenceLine, Subplot, matrix_chart
 from dynid.report.scenes import frequency_unit, scene_of
 from dynid.report.svg import TITLE, Point, Svg, path_of
 from dynid.result import Result
@@ -34,7 +34,10 @@ def figures(result: Result) -> Iterator[Figure]:
     """Yield the figures of measured modes."""
     if not has_modes(result):
         return
-    yield Figure("measured-modes", "Measured modes before and after", partial(_pairs, result))
+    if is_backbone(result):
+        yield Figure("measured-modes", "Measured backbones before and after", partial(_backbones, result))
+    else:
+        yield Figure("measured-modes", "Measured modes before and after", partial(_pairs, result))
     if f"{GROUP}/mac_table" in result:
         yield Figure("mac", "MAC of measured and computed modes", partial(_tables, result))
 
@@ -59,6 +62,34 @@ def _pairs(result: Result) -> Chart:
         "Errors of the model's frequencies, and agreement of its shapes with the measured ones (1: the same)."
     )
     return Chart(rows, about, FigureTable(table.columns, table.rows))
+
+
+def _backbones(result: Result) -> Chart:
+    """Draw frequencies and damping ratios over the amplitude, measured, at the start and at the estimate."""
+    size, modes = result[f"{GROUP}/amplitude"], result[f"{GROUP}/model_mode"].data
+    unit = result[f"{GROUP}/frequency"].units
+    across = PlotAxis(
+        labelled(f"amplitude of {result.group_attrs[GROUP]['amplitude_of']}", size.units), log=True
+    )
+    rows, columns = list[list[Subplot]](), {"amplitude": size.data, "mode": modes}
+    for name, factor, label in (
+        ("frequency", 1.0, labelled("frequency", unit)),
+        ("damping", 100.0, "damping ratio (%)"),
+    ):
+        if f"{GROUP}/{name}_measured" not in result:
+            continue
+        layers = list[Layer]()
+        for mode in np.unique(modes).tolist():
+            of_mode = np.flatnonzero(modes == mode)
+            order = of_mode[np.argsort(size.data[of_mode], kind="stable")]
+            for title, path, cls in (("start", f"{name}_start", "s3 dashed"), ("estimate", name, "s1")):
+                heights = factor * result[f"{GROUP}/{path}"].data[order]
+                layers.append(Curve(size.data[order], heights, title, cls))
+        measured = factor * result[f"{GROUP}/{name}_measured"].data
+        layers.append(Markers(size.data, measured, "measured", "s2", "o", 4))
+        rows.append([Subplot(across, PlotAxis(label), layers, height=180.0)])
+        columns |= {f"{name} measured": measured, name: factor * result[f"{GROUP}/{name}"].data}
+    return Chart(rows, "Natural frequency and damping of motions along the mode.", table_of(columns))
 
 
 def _tables(result: Result) -> Chart:

@@ -323,6 +323,8 @@ def interest_of(scene: Scene[IdentificationScene]) -> Interest:
         assert model.measurement.modes is not None
         modal = modal_measurement(scene, model.measurement.modes)
         dofs += modal.dofs
+        if model.measurement.modes.amplitude_of is not None:
+            dofs += model.measurement.modes.amplitude_of.ends
         band = float(modal.omega.max())
     elif model.measurement is not None:
         records = model.measurement.each

@@ -539,5 +539,7 @@ def measurements_of(scene: Scene[IdentificationScene], model: StructuralModel | 
     if measurement_model.modes is not None:
         from dynid.scene.kinds.modes import modal_measurement
 
-        measurements.append(modal_measurement(scene, measurement_model.modes))
+        of = measurement_model.modes.amplitude_of
+        place = None if of is None else channel_of(of, model)
+        measurements.append(modal_measurement(scene, measurement_model.modes, place))
     return measurements

@@ -10,23 +10,31 @@ from dynid.errors import FileError, UsageError
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:
-    from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
+    from pathlib import Path
+
+    from dynid.files.modal_tables import ModalTable
+    from dynid.identification.records.modal_measurement import Backbone, ModalMeasurement, Scatter
     from dynid.scene.load import Scene
     from dynid.scene.schema.modes import MeasuredModesModel, ScatterModel, SensorFileModel
     from dynid.structure.labels import Label
 
 _PLACE = "measurement.modes"
+_MOTION_UNITS = {
+    "displacement": ("m", "rad"),
+    "velocity": ("m/s", "rad/s"),
+    "acceleration": ("m/s2", "rad/s2"),
+}
 
 
-def modal_measurement(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
-    """Return the measured modes of a scene, in SI units.
+def modal_measurement(scene: Scene, modes: MeasuredModesModel, place: Any = None) -> ModalMeasurement:
+    """Return the measured modes of a scene, in SI units; `place`: the channel of their amplitudes, if any.
 
     Raises `FileError` where a file cannot be read, or does not say what its values are.
     """
-    return _from_file(scene, modes) if modes.file is not None else _listed(modes)
+    return _from_file(scene, modes, place) if modes.file is not None else _listed(modes, place)
 
 
-def _listed(modes_model: MeasuredModesModel) -> ModalMeasurement:
+def _listed(modes_model: MeasuredModesModel, place: Any) -> ModalMeasurement:
     import numpy as np
 
     factor, modes = angular_factor(modes_model.unit), modes_model.values
@@ -57,10 +65,23 @@ def _listed(modes_model: MeasuredModesModel) -> ModalMeasurement:
         each("damping_std"),
         std if dofs else None,
         modes_model.unit or "rad/s",
+        backbone=_backbone(each("amplitude"), each("mode"), place),
     )
 
 
-def _from_file(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
+def _backbone(amplitude: Any, mode: Any, place: Any) -> Backbone | None:
+    """Return the amplitudes at which modes were measured (r), and the numbers of their modes, if any."""
+    if place is None:
+        return None
+    import numpy as np
+
+    from dynid.identification.records.modal_measurement import Backbone
+
+    number = np.full(len(amplitude), math.nan) if mode is None else mode
+    return Backbone(place, amplitude, number - 1)
+
+
+def _from_file(scene: Scene, modes: MeasuredModesModel, place: Any) -> ModalMeasurement:
     import numpy as np
 
     from dynid.files.read_measured import read_modes
@@ -75,6 +96,7 @@ def _from_file(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
             remedy="Leave 'floor' out; 'model_error' is added.",
             names=(f"{_PLACE}.floor",),
         )
+    _check_amplitudes(path, survey, modes)
     dofs = list(survey.dofs) if modes.sensors is None else _sensors(scene, modes.sensors)
     rows = 0 if survey.shape is None else len(survey.shape)
     if len(dofs) != rows:
@@ -115,7 +137,34 @@ def _from_file(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
         if survey.covariance is None
         else _kept(survey.covariance, len(survey.frequency), keep),
         absolute=survey.absolute,
+        backbone=_backbone(own(survey.amplitude), own(survey.mode), place),
     )
+
+
+def _check_amplitudes(path: Path, survey: ModalTable, modes: MeasuredModesModel) -> None:
+    """Refuse a file with amplitudes of a motion that the scene does not name, or the reverse."""
+    of = modes.amplitude_of
+    if of is None:
+        if survey.amplitude is not None:
+            raise FileError(
+                f"{path} has modes at amplitudes",
+                remedy="Say of which motion: modes: {amplitude_of: {dof: …, quantity: …}}.",
+                names=(f"{_PLACE}.file",),
+            )
+        return
+    place = (f"{_PLACE}.amplitude_of",)
+    if survey.amplitude is None or survey.shape is not None:
+        what = (
+            "no column 'amplitude'" if survey.amplitude is None else "shapes, which modes at amplitudes lack"
+        )
+        raise FileError(f"{path} has {what}", remedy="Name the columns under 'file'.", names=place)
+    unit, units = survey.amplitude_unit, _MOTION_UNITS[of.quantity]
+    if unit and unit not in units:
+        raise FileError(
+            f"{path} has amplitudes in {unit}, but 'amplitude_of' is a {of.quantity}",
+            remedy="Correct the 'quantity', or the heading.",
+            names=place,
+        )
 
 
 def _kept(covariance: Any, modes: int, keep: Any) -> Any:
@@ -144,7 +193,7 @@ def _measured(
     dofs: Sequence[Label],
     *rest: Any,
     covariance: Any = None,
-    **scale: Any,
+    **further: Any,
 ) -> ModalMeasurement:
     """Return measured modes with the floors (without a covariance) and model errors of the scene."""
     from dynid.identification.records.modal_measurement import FLOORS, NO_ERROR, ModalMeasurement
@@ -163,7 +212,7 @@ def _measured(
             model_error=_scatter(modes.model_error, NO_ERROR),
             covariance=covariance,
             unit=unit,
-            **scale,
+            **further,
         )
     except UsageError as error:
         raise UsageError(error.problem, remedy=error.remedy, names=(_PLACE,)) from error

@@ -191,8 +191,8 @@ LAYOUT: dict[str, str] = {
         "clock_jitter clock_dropped clock_duplicated channel_time"
     ),
     "identification/modes": (
-        "mode quantity frequency_measured frequency_std frequency_leverage frequency_studentised "
-        "chi2 chi2_degrees model_error model_error_needed "
+        "mode amplitude amplitude_of quantity frequency_measured frequency_std frequency_leverage "
+        "frequency_studentised chi2 chi2_degrees model_error model_error_needed "
         "scatter_floor statements sensor computed shape_measured complexity_measured damping_measured "
         "damping_std dof left_out_error left_out_deviation left_out_by_scatter frequency frequency_start "
         "frequency_error frequency_error_start model_mode model_mode_start damping damping_start mac "
@@ -249,7 +249,7 @@ LAYOUT: dict[str, str] = {
         "point omega amplitude phase harmonic response stable multiplier instability "
         "force folds dof output complete note"
     ),
-    "response/backbone": "point amplitude omega damping mode note",
+    "response/backbone": "point amplitude first_harmonic omega damping mode note",
     "structure/geometry": (
         "xyz node position edge end face corner lines held joint joint_position mode displacement rotation "
         "sensor sensor_position sensor_direction sensor_turns load load_position load_direction load_turns "

@@ -8,7 +8,8 @@ from pydantic import BeforeValidator, Field, Tag, model_validator
 
 from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SignedDof, by_form
 from dynid.scene.schema.joints import Vector
-from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
+from dynid.scene.schema.measurement import OutputModel
+from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault, raise_faults
 from dynid.scene.schema.structure import path_alone
 
 
@@ -46,8 +47,13 @@ _ShapeStd = Annotated[
 
 
 class ModeModel(Section):
-    """One measured mode: its frequency, damping ratio and shape at sensors, each with its scatter."""
+    """One measured mode: its frequency, damping ratio and shape at sensors, each with its scatter.
 
+    With an `amplitude` a point of a backbone: of the structure's `mode` at this amplitude.
+    """
+
+    amplitude: Positive | None = None
+    mode: Annotated[int, Field(ge=1, strict=True)] | None = None
     frequency: Positive
     frequency_std: NotNegative | None = None
     damping: Value | None = None
@@ -61,6 +67,10 @@ class ModeModel(Section):
             raise fault("'damping_std' is the scatter of a 'damping'")
         if not self.shape and self.shape_std is not None:
             raise fault("'shape_std' is the scatter of a 'shape'")
+        if self.amplitude is None and self.mode is not None:
+            raise fault("'mode' is that of a backbone, whose points have an 'amplitude'; others are paired")
+        if self.amplitude is not None and self.shape:
+            raise fault("a mode at an 'amplitude' has no 'shape'")
         if isinstance(self.shape_std, dict):
             for dof in self.shape_std:
                 if dof not in self.shape:
@@ -79,6 +89,8 @@ class ModesFileModel(Section):
     """A file of measured modes, and the names of quantities in it where they are not the usual ones."""
 
     path: FilePath
+    amplitude: str | None = None
+    mode: str | None = None
     frequency: str | None = None
     frequency_std: str | None = None
     frequency_tests: str | None = None
@@ -108,9 +120,10 @@ class ScatterModel(Section):
 
 
 class MeasuredModesModel(Section):
-    """Measured modes, listed or in a file."""
+    """Measured modes, listed or in a file; with `amplitude_of` points of backbones."""
 
     unit: Literal["rad/s", "Hz"] | None = None
+    amplitude_of: OutputModel | None = None
     values: list[ModeModel] = []
     file: (
         Annotated[
@@ -129,6 +142,16 @@ class MeasuredModesModel(Section):
             raise fault("measured modes are either listed as 'values' or read from a 'file'")
         if self.sensors is not None and self.file is None:
             raise fault("'sensors' are those of the rows in a 'file'; listed shapes name their DOFs")
+        of = self.amplitude_of
+        if of is not None and (of.output is not None or of.frame == "absolute"):
+            raise fault("'amplitude_of' is a motion at a DOF of the structure, or between two")
+        if of is not None and (self.sensors is not None or self.match is not None):
+            raise fault("modes at amplitudes have no shapes: 'sensors' and 'match' say nothing")
+        for k, mode in enumerate(self.values):
+            if (mode.amplitude is None) != (self.amplitude_of is None):
+                raise_faults(
+                    [(("values", k), "either all modes have an 'amplitude', with 'amplitude_of', or none")]
+                )
         if self.match is not None and (self.file is None or self.sensors is not None):
             raise fault("'match' finds the nodes of a file in the model; here the scene names the DOFs")
         if self.match is not None and (self.match.quantity or self.match.units):

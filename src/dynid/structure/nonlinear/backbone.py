@@ -8,11 +8,29 @@ Source: M. Krack, Computers & Structures 154 (2015) 59–71 (extended periodic m
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from dynid.arrays import Array, ComplexArray
 from dynid.structure.nonlinear.fourier import further_harmonics, to_complex, to_real
-from dynid.structure.nonlinear.harmonic_balance import Condensed, ForcedResponse, turned
+from dynid.structure.nonlinear.harmonic_balance import Condensed, ForcedResponse, solved, turned
+
+
+class _Evaluated(NamedTuple):
+    """What an evaluation computes beside the residuals.
+
+    `stiffness`: of each harmonic, the mode's first one held (H + 1 x n, or x n x n), and `motions` to unit
+    joint forces there (H + 1 x n x joints); `shape`: first harmonics of the modes to a unit of it
+    (n); `modal`: amplitudes of the modes (H + 1 x n); `by_omega_growth`: derivatives of the modal forces, the
+    motion as it is, by frequency and growth (H + 1 x n x 2).
+    """
+
+    stiffness: ComplexArray
+    motions: ComplexArray
+    shape: ComplexArray
+    modal: ComplexArray
+    by_omega_growth: ComplexArray
 
 
 class BackboneCurve(ForcedResponse):
@@ -26,16 +44,28 @@ class BackboneCurve(ForcedResponse):
     def __init__(self, structure: Condensed, mode: int, max_harmonics: int) -> None:
         super().__init__(structure, np.zeros(len(structure.eigenvalues)), 0.0, max_harmonics)
         self.mode = mode
-        self.modal = np.zeros((1, len(structure.eigenvalues)), dtype=complex)  # of the last evaluation
+        self._beside: _Evaluated
+
+    @property
+    def growth(self) -> float:
+        """Damping by the mass that is taken off small motions, 1/s."""
+        s, r = self.structure, self.mode
+        return float(s.damping[r] if s.damping.ndim == 1 else s.damping[r, r])
+
+    def linear(self, amplitude: float) -> Array:
+        """Return the unknowns of small motions with an amplitude of the mode."""
+        s, r = self.structure, self.mode
+        q = np.zeros((self.joints, 2 * self.harmonics + 1))
+        q[:, 1] = amplitude * s.deflections[:, r]
+        return np.append(q.ravel(), [np.sqrt(s.eigenvalues[r]), self.growth, amplitude])
 
     def near(self, q: Array, omega: float, modal: ComplexArray) -> Array:
         """Return the unknowns near a resonance: deflections, frequency, and amplitudes of all modes there."""
-        s, r = self.structure, self.mode
-        amplitudes = to_complex(q.T)
-        turn = np.exp(-1j * np.arange(len(amplitudes)) * np.angle(modal[1, r]))
-        growth = s.damping[r] if s.damping.ndim == 1 else s.damping[r, r]
+        first, amplitudes = modal[1, self.mode], to_complex(q.T)
+        turn = np.exp(-1j * np.arange(len(amplitudes)) * np.angle(first))
         self.harmonics = self.order(q)
-        return np.append(to_real(amplitudes * turn[:, None]).T.ravel(), [omega, growth, abs(modal[1, r])])
+        turned_q = to_real(amplitudes * turn[:, None]).T.ravel()
+        return np.append(turned_q, [omega, self.growth, abs(first)])
 
     def scale(self, u: Array) -> Array:
         """Return the sizes of the unknowns."""
@@ -48,55 +78,72 @@ class BackboneCurve(ForcedResponse):
         s, r, q = self.structure, self.mode, self.motion(u)
         omega, growth, amplitude = (float(value) for value in u[-3:])
         forces = self.memory.forces(q, omega)
-        Z, by_omega = s.stiffness(omega, further_harmonics(self.order(q)), growth)
-        Z, n = s.free(Z), len(s.eigenvalues)
+        self._last = u, forces
+        Z, dZ = s.stiffness(omega, further_harmonics(self.order(q)), growth)
+        Z = s.free(Z)
         first = np.diag(Z[1]) if Z.ndim == 2 else Z[1].copy()
-        first_by_omega = np.diag(by_omega[1]) if Z.ndim == 2 else by_omega[1]
         # The first harmonic of the mode is an unknown: the others answer its motion and the forces.
-        right = np.broadcast_to(s.deflections.T, (len(Z), n, self.joints)).copy()
+        right = np.broadcast_to(s.deflections.T, (len(Z), *s.deflections.T.shape)).copy()
         others, coupling = first.copy(), first[:, r].copy()
         right[1, r], coupling[r] = 0.0, 0.0
         others[r], others[:, r], others[r, r] = 0.0, 0.0, 1.0
-        if Z.ndim == 2:
-            Z[1, r] = 1.0
-        else:
-            Z[1] = others
+        Z[1] = np.diag(others) if Z.ndim == 2 else others
         shape = -np.linalg.solve(others, coupling)
         shape[r] = 1.0
         X, A = self.compliance(Z, right, q, forces)
         F, F_omega = (to_complex(f[:, : q.shape[1]].T) for f in (forces.coefficients, forces.by_omega))
-        deflection, stiffness = s.deflections @ shape, shape @ first @ shape
-        self.modal = -np.einsum("hnj,hj->hn", X, F)
-        self.modal[1] += amplitude * shape
-        residual = to_complex(q.T) + np.einsum("hij,hj->hi", A, F)
-        residual[1] -= deflection * amplitude
-        own = stiffness * amplitude + deflection @ F[1]
-        columns, own_columns = [], []
-        by_growth = np.asarray(-1j * omega * np.arange(len(X))[:, None] * np.ones(n))
-        for by, by_first in (
-            (by_omega[: len(X)], first_by_omega),
-            (by_growth, np.diag(by_growth[1])),
-        ):
-            column = -np.einsum("hni,hnj,hj->hi", X, turned(by, X), F)
-            moved = -X[1].T @ (by_first @ shape)  # of the deflection
-            column[1] -= moved * amplitude
-            columns.append(column)
-            own_columns.append(shape @ by_first @ shape * amplitude + moved @ F[1])
-        columns[0] += np.einsum("hij,hj->hi", A, F_omega)
-        own_columns[0] += deflection @ F_omega[1]
+        modal = -np.einsum("hnj,hj->hn", X, F)
+        modal[1] += amplitude * shape
+        by_omega = turned(dZ[: len(X)], modal[:, :, None])[:, :, 0] + F_omega @ s.deflections
+        by_growth = -1j * omega * np.arange(len(X))[:, None] * modal
+        beside = np.stack([by_omega, by_growth], axis=2)
+        self._beside = _Evaluated(Z[: len(X)], X, shape, modal, beside)
+        residual = to_complex(q.T) - modal @ s.deflections.T
+        own = first[r] @ modal[1] + F[1] @ s.deflections[:, r]
+        deflection = s.deflections @ shape
         by_amplitude = np.zeros_like(residual)
         by_amplitude[1] = -deflection
-        columns.append(by_amplitude)
-        own_columns.append(stiffness)
         by_motion = to_complex(forces.by_motion.transpose(1, 0, 2))[1] * deflection[:, None]
-        rows = np.append(by_motion.ravel(), own_columns)
-        J = np.column_stack([self.by_motion(A, forces), *(to_real(column).T.ravel() for column in columns)])
-        return (
-            np.concatenate([to_real(residual).T.ravel(), [own.real, own.imag]]),
-            np.concatenate([J, rows.real[None], rows.imag[None]]),
+        J = np.column_stack(
+            [
+                np.concatenate([self.by_motion(A, forces), *_parts(by_motion.ravel()[None])]),
+                self.by_forces(beside),
+                np.concatenate([to_real(by_amplitude).T.ravel(), *_parts(np.array([first[r] @ shape]))]),
+            ]
         )
+        return np.concatenate([to_real(residual).T.ravel(), *_parts(np.array([own]))]), J
+
+    def by_forces(self, forces: ComplexArray) -> Array:
+        """Return the change of the residuals by forces on the modes (H + 1 x n x p), where last evaluated."""
+        at = self._beside
+        residual = to_real(np.einsum("hnj,hnp->hjp", at.motions, forces)).transpose(1, 0, 2)
+        return np.concatenate([residual.reshape(-1, forces.shape[2]), *_parts(at.shape[None] @ forces[1])])
+
+    def derivatives(self, J: Array, by_parameter: ComplexArray) -> tuple[Array, ComplexArray]:
+        """Return the derivatives of a solution by parameters, and by the amplitude, which stands last.
+
+        `J`: of the residuals, where last evaluated; `by_parameter`: of the modal forces, the motion as it is
+        (H + 1 x n x p). Returned are those of the unknowns before the amplitude (N x p + 1), and of the
+        amplitudes of the modes (H + 1 x n x p + 1).
+        """
+        at, s, size = self._beside, self.structure, len(J) - 2
+        slopes = -np.linalg.solve(J[:, :-1], np.column_stack([self.by_forces(by_parameter), J[:, -1]]))
+        change = np.einsum(
+            "jik,jkp->ijp", self.forces.by_motion, slopes[:size].reshape(self.joints, -1, slopes.shape[1])
+        )
+        forces = s.deflections.T @ to_complex(change) + at.by_omega_growth @ slopes[size:]
+        forces[:, :, :-1] += by_parameter
+        forces[1, self.mode] = 0.0
+        moved = -solved(at.stiffness, forces)
+        moved[1, :, -1] += at.shape
+        return np.asarray(slopes), moved
 
     def modal_motion(self, u: Array) -> ComplexArray:
         """Return the amplitudes of all modes at a solution (H + 1 x n)."""
-        self.evaluate(u)
-        return self.modal
+        if self._last[0] is not u:
+            self.evaluate(u)
+        return self._beside.modal
+
+
+def _parts(values: ComplexArray) -> tuple[Array, Array]:
+    return values.real, values.imag

@@ -137,15 +137,18 @@ def trace(
         scale = equations.scale(before)
         length = min(step, longest / max(abs(tangent[-1]), _MIN_STEP))
         predicted = before + (length * tangent + length**2 / 2 * bend) * scale
-        new = solve(equations, predicted, tangent, float(tangent @ (before / scale)) + length)
-        turned = 0.0
+        new, turned, cause = None, 0.0, None
+        try:
+            new = solve(equations, predicted, tangent, float(tangent @ (before / scale)) + length)
+        except NumericalError as error:
+            cause = error
         if new is not None:
             tangent, bend = equations.padded(tangent), equations.padded(bend)
             turned = float(tangent @ equations.padded(new.tangent))
         if new is None or (turned < _MIN_COSINE and length > _MIN_BEND):
             step = length / 2
             if step < _MIN_STEP:
-                raise NumericalError(
+                raise cause or NumericalError(
                     f"the curve of steady states cannot be followed beyond {point.u[-1]:.6g}",
                     remedy="Soften contacts and sliders, or end the interval before.",
                 )

@@ -35,6 +35,9 @@ _RIGID_TOL = 1e-12
 _SMOOTH_TAIL, _KINKED_TAIL = 1e-10, 1e-6
 # Part of that below which the highest harmonics are dropped again, and how many of them.
 _NEEDED, _SPARE = 0.3, 4
+# Largest change of the deflection, relative to it, with which a state continues that of other parameters, or
+# of a frequency or amplitude nearby: states of other branches are farther away.
+_CLOSE = 0.3
 # Smallest part of the amplitude by which the first steady state grows.
 _MIN_AMPLITUDE_STEP = 1e-3
 # Fewest and most harmonics.
@@ -301,6 +304,11 @@ class ForcedResponse:
         kept = min(size, q.shape[1])
         out[:, :kept] = q[:, :kept]
         return np.append(out.ravel(), v[-self.extra :])
+
+    def is_close(self, u: Array, other: Array) -> bool:
+        """Return whether unknowns are so close to others that they are of the same branch."""
+        size = float(np.abs(self.motion(u)).sum(axis=1).max())
+        return bool(np.abs(self.motion(other) - self.motion(u)).max() <= _CLOSE * size)
 
     def modal_motion(self, u: Array) -> ComplexArray:
         """Return the amplitudes of all modes at the last solution (H + 1 x n)."""

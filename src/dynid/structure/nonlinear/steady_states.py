@@ -70,7 +70,7 @@ def harmonic_balance(
         (point x harmonic), those of ``Re sum response exp(i h omega t)``; with stability also ``{stable,
         multiplier, instability}``, the size of the largest Floquet multiplier and what it says; with
         `backbone` the mode that resonates at the peak, down to the lowest amplitude of the curve:
-        ``response/backbone/{point, amplitude, omega, damping}``.
+        ``response/backbone/{point, amplitude, first_harmonic, omega, damping}``.
     """
     structure = condensed(model, values or {}, (start + stop) / 2)
     if not len(structure.deflections):
@@ -172,7 +172,7 @@ def _add_backbone(
     amplitude = result[f"{GROUP}/amplitude"]
     high = float(np.abs(modal[1, mode]))
     low = high * float(amplitude.data.min() / amplitude.data.max())
-    states: list[tuple[float, float, float]] = []
+    states: list[tuple[float, float, float, float]] = []
     note = ""
     try:
         start = solve_at(equations, equations.near(u[:-1].reshape(equations.joints, -1), u[-1], modal))
@@ -180,14 +180,16 @@ def _add_backbone(
             raise NumericalError("the peak of the curve is no resonance of a mode")
         for v in trace(equations, start, low, high, low, points, _LONGEST_AMPLITUDE_STEP):
             motion = equations.modal_motion(v) @ row
-            states.append((half_peak_to_peak(motion), float(v[-3]), float(v[-2] / (2 * v[-3]))))
+            omega, damping = float(v[-3]), float(v[-2] / (2 * v[-3]))
+            states.append((half_peak_to_peak(motion), float(abs(motion[1])), omega, damping))
     except NumericalError as error:
         note = f"not followed farther: {error.problem}"
-    columns = np.array(states[::-1]).reshape(-1, 3).T
+    columns = np.array(states[::-1]).reshape(-1, 4).T
     result.add_axis(f"{BACKBONE}/point", np.arange(1, len(states) + 1))
-    result.add(f"{BACKBONE}/amplitude", columns[0], ("point",), amplitude.units)
-    result.add(f"{BACKBONE}/omega", columns[1], ("point",), "rad/s")
-    result.add(f"{BACKBONE}/damping", columns[2], ("point",))
+    for name, column in zip(("amplitude", "first_harmonic"), columns, strict=False):
+        result.add(f"{BACKBONE}/{name}", column, ("point",), amplitude.units)
+    result.add(f"{BACKBONE}/omega", columns[2], ("point",), "rad/s")
+    result.add(f"{BACKBONE}/damping", columns[3], ("point",))
     result.annotate(BACKBONE, mode=mode + 1, **({"note": note} if note else {}))
 
 

@@ -2,14 +2,12 @@
 
 The branch is that of the curve from the first frequency of the sweep to its first fold; beyond it there is
 none. The derivatives by a parameter p follow from the residuals R(u, p) = 0 of harmonic balance:
-``du/dp = -(dR/du)^-1 dR/dp``. Modes and tangents by which the structure is condensed stay as they are: any
-would do.
+``du/dp = -(dR/du)^-1 dR/dp``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -17,25 +15,15 @@ import numpy as np
 from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
 from dynid.structure.labels import Label
-from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.model_laws import ModelLaw, model_laws
+from dynid.structure.nonlinear.branch import Branch, State
 from dynid.structure.nonlinear.continuation import solve_at, trace
-from dynid.structure.nonlinear.cycle import cycle_force
 from dynid.structure.nonlinear.fourier import to_complex, to_real
-from dynid.structure.nonlinear.harmonic_balance import (
-    MAX_HARMONICS,
-    Condensed,
-    ForcedResponse,
-    condensed,
-    solved,
-)
+from dynid.structure.nonlinear.harmonic_balance import MAX_HARMONICS, ForcedResponse, condensed, solved
+from dynid.structure.nonlinear.parameter_forces import ParameterForces
 
 # Most points of a curve that is followed, and the largest part of the interval between two of them.
 _MAX_POINTS, _LONGEST_STEP = 2000, 0.04
-# Largest change of the deflection, relative to it, with which a state continues that of other parameters, or
-# of a frequency nearby: states of other branches are farther away.
-_NEAR = 0.3
 
 
 class Sine(NamedTuple):
@@ -44,23 +32,6 @@ class Sine(NamedTuple):
     dof: Label
     amplitude: float
     sweep: str = "up"
-
-
-class _State(NamedTuple):
-    """A steady state: unknowns, hidden states of the laws, and the derivatives of the unknowns (N x p)."""
-
-    u: Array
-    hidden: tuple[tuple[float, int] | None, ...]
-    by_parameter: Array
-
-
-@dataclass
-class Branch:
-    """The states of the last evaluation, with which the next one begins."""
-
-    values: Array = field(default_factory=lambda: np.zeros(0))
-    omega: Array = field(default_factory=lambda: np.zeros(0))
-    states: list[_State] = field(default_factory=list)
 
 
 class Motions(NamedTuple):
@@ -92,7 +63,7 @@ def stepped_sine(
     structure = condensed(model, values, float(np.mean(omega)))
     load = structure.shapes.T @ model.row(sine.dof)
     equations = ForcedResponse(structure, load, sine.amplitude, MAX_HARMONICS)
-    derivatives = _Derivatives(model, values, names, structure)
+    derivatives = _Derivatives(ParameterForces(model, values, names, structure))
     at = np.array([values[name] for name in names])
     order = np.argsort(omega if sine.sweep == "up" else -omega, kind="stable")
     states = _continued(equations, derivatives, omega[order], branch, at)
@@ -103,26 +74,26 @@ def stepped_sine(
     slopes = np.full((len(omega), n, len(names)), complex(np.nan, np.nan))
     for line, (_, first, by_parameter) in zip(order.tolist(), states, strict=False):
         motion[line], slopes[line] = first / sine.amplitude, by_parameter / sine.amplitude
-    branch.values, branch.omega, branch.states = at, omega[order], [state for state, *_ in states]
+    branch.values, branch.at, branch.states = at, omega[order], [state for state, *_ in states]
     return Motions(structure.shapes, motion, slopes)
 
 
-_Solution = tuple[_State, ComplexArray, ComplexArray]
+_Solution = tuple[State, ComplexArray, ComplexArray]
 
 
 def _continued(
     equations: ForcedResponse, derivatives: _Derivatives, omega: Array, branch: Branch, values: Array
 ) -> list[_Solution] | None:
     """Return the states that continue those of other parameters at all lines, or None."""
-    if len(branch.states) < len(omega) or not np.allclose(branch.omega, omega, rtol=1e-3):
+    predicted = branch.predicted(values, omega)
+    if not predicted:
         return None
     out: list[_Solution] = []
-    for state, line in zip(branch.states, omega.tolist(), strict=True):
-        predicted = state.u + np.append(state.by_parameter @ (values - branch.values), 0.0)
-        predicted[-1] = line
-        if not _is_near(equations, state.u, predicted):
+    for state, u, line in zip(branch.states, predicted, omega.tolist(), strict=True):
+        u[-1] = line
+        if not equations.is_close(state.u, u):
             return None
-        solution = _solution(equations, derivatives, predicted, state.hidden)
+        solution = _solution(equations, derivatives, u, state.hidden)
         if solution is None:
             return None
         out.append(solution)
@@ -159,11 +130,6 @@ def _followed(equations: ForcedResponse, derivatives: _Derivatives, omega: Array
     return out
 
 
-def _is_near(equations: ForcedResponse, u: Array, other: Array) -> bool:
-    size = float(np.abs(equations.motion(u)).sum(axis=1).max())
-    return bool(np.abs(equations.motion(other) - equations.motion(u)).max() <= _NEAR * size)
-
-
 def _solution(
     equations: ForcedResponse,
     derivatives: _Derivatives,
@@ -180,7 +146,7 @@ def _solution(
             return None
         size = equations.harmonics
         equations.harmonics = equations.order(equations.motion(point.u))
-        near = _is_near(equations, point.u, equations.padded(predicted))
+        near = equations.is_close(point.u, equations.padded(predicted))
         _, J = equations.evaluate(point.u)
     except NumericalError:
         return None
@@ -189,28 +155,15 @@ def _solution(
         return None
     by_parameter, first, slopes = derivatives.of(equations, point.u, J[:, :-1])
     equations.harmonics = size
-    return _State(point.u, tuple(equations.memory.hidden), by_parameter), first, slopes
+    state = State(point.u, tuple(equations.memory.hidden), np.pad(by_parameter, ((0, 1), (0, 0))))
+    return state, first, slopes
 
 
 class _Derivatives:
     """Derivatives of steady states by parameters."""
 
-    def __init__(
-        self,
-        model: StructuralModel,
-        values: Mapping[str, float],
-        names: Sequence[str],
-        structure: Condensed,
-    ) -> None:
-        self.structure, self.names = structure, names
-        linear, shapes = model.without_laws(), structure.shapes
-        known = {parameter.name for parameter in linear.unknowns}
-        of_rest = {name: value for name, value in values.items() if name in known}
-        self.matrices = [
-            {letter: shapes.T @ as_array(matrix) @ shapes for letter, matrix in slopes.items()}
-            for slopes in linear.slopes(of_rest, names)
-        ]
-        self.laws: Sequence[ModelLaw] = model_laws(model.joints, values)
+    def __init__(self, parameters: ParameterForces) -> None:
+        self.structure, self.parameters = parameters.structure, parameters
 
     def of(self, equations: ForcedResponse, u: Array, J: Array) -> tuple[Array, ComplexArray, ComplexArray]:
         """Return derivatives of the unknowns (N x p), first harmonics of the modes (n), and theirs (n x p).
@@ -219,33 +172,11 @@ class _Derivatives:
         """
         s, omega, q = self.structure, float(u[-1]), equations.motion(u)
         forces, motion = equations.forces, equations.modal_motion(u)
-        Z, _ = s.stiffness(omega, len(motion) - 1)
-        X = solved(s.free(Z), s.deflections.T)
-        A = s.deflections @ X
-        h = np.arange(len(motion))[:, None]
-        moved = np.zeros((len(motion), len(s.eigenvalues), len(self.names)), dtype=complex)
-        residual = np.zeros((len(motion), equations.joints, len(self.names)), dtype=complex)
-        factor = {"K": 1.0 + 0 * h, "C": 1j * h * omega, "M": -((h * omega) ** 2)}
-        for k, matrices in enumerate(self.matrices):
-            if matrices:
-                turned = np.zeros_like(motion)
-                for letter, matrix in matrices.items():
-                    turned += factor[letter] * (motion @ matrix.T)
-                residual[:, :, k] += np.einsum("hnj,hn->hj", X, turned)
-                moved[:, :, k] -= solved(s.free(Z), turned[:, :, None])[:, :, 0]
-        for index, law in enumerate(self.laws):
-            if not any(law.slopes):
-                continue
-            row, hidden = law.bound.row, equations.memory.hidden[index]
-            by = to_complex(cycle_force(law.bound, q[row], omega, hidden, parameters=True).by_parameters)
-            for place, slopes in enumerate(law.slopes):
-                for name, slope in slopes.items():
-                    if name in self.names:
-                        k = self.names.index(name)
-                        residual[:, :, k] += A[:, :, row] * (slope * by[:, place])[:, None]
-                        moved[:, :, k] -= X[:, :, row] * (slope * by[:, place])[:, None]
-        flat = to_real(residual).transpose(1, 0, 2).reshape(-1, len(self.names))
-        by_parameter = -np.linalg.solve(J, flat)
-        change = np.einsum("jik,jkp->ijp", forces.by_motion, by_parameter.reshape(*q.shape, -1))
-        moved -= np.einsum("hnj,hjp->hnp", X, to_complex(change))
-        return np.asarray(by_parameter), motion[1], np.asarray(moved[1])
+        by_parameter = self.parameters.of(q, omega, motion, equations.memory)
+        Z = s.free(s.stiffness(omega, len(motion) - 1)[0])
+        moved = -solved(Z, by_parameter)
+        residual = to_real(-(s.deflections @ moved)).transpose(1, 0, 2)
+        slopes = -np.linalg.solve(J, residual.reshape(len(J), -1))
+        change = np.einsum("jik,jkp->ijp", forces.by_motion, slopes.reshape(*q.shape, -1))
+        moved -= solved(Z, s.deflections.T @ to_complex(change))
+        return np.asarray(slopes), motion[1], np.asarray(moved[1])
