@@ -161,6 +161,11 @@ def test_values_that_are_to_be_estimated_are_not_drawn_by_their_starts():
     assert masses == [("1", "mass", "top = ?"), ("2", "mass", "m_of_the_platform = ?"), ("3", "mass", "3 kg")]
 
 
+def test_a_joint_names_its_laws():
+    text = CHAIN.replace("k: {start: 10, true: 12}", "laws: [{kind: cubic, k3: {start: 5, true: 6}}]")
+    assert ("3", "joint", "hold, cubic") in drawn(text).table.rows
+
+
 def test_records_with_sensors_of_their_own_show_them_all():
     text = (
         CHAIN[: CHAIN.index("measurement:")]

@@ -186,7 +186,7 @@ def _spring(
     joint: str,
     estimates: Mapping[str, float],
 ) -> SpringDamper:
-    """Return a spring and damper between DOFs of these kinds, with values that are known single numbers."""
+    """Return a spring and damper between DOFs of these kinds, with known single values and kinds of laws."""
     values = {letter: value for letter in "kc" if (value := getattr(tie, letter)) is not None}
     texts = [joint] if joint else []
     for letter, value in values.items():
@@ -202,5 +202,6 @@ def _spring(
         else:
             unit = "" if _unknown(scene, quantity) else unit_text(unit_of(letter, kinds))
             texts.append(f"{letter} = {_value_text(scene, quantity)} {unit}".rstrip())
+    texts += [law.kind for law in getattr(tie, "laws", None) or ()]
     alone = not values  # a joint of laws alone is drawn as a spring
     return SpringDamper(dofs, tuple(texts), "k" in values or alone, "c" in values, bool(joint))
