@@ -38,6 +38,8 @@ _MAX_POLE_CORRECTION = 1e-3
 _MASSLESS_MOTION_TOL = 1e-13
 # Least part of the largest entry of its column that a diagonal pivot may be.
 _PIVOT = 0.01
+# The part of all modes below which bisection for these alone takes less time than all by divide and conquer.
+_FEW_MODES = 0.2
 # Dense structures up to this size have all their eigenvectors computed: derivatives then cost nothing.
 _MOST_WHOLE = 400
 # Columns of a basis that are dependent on others to this part are left out.
@@ -254,16 +256,22 @@ def _undamped(M: Array, K: Array, count: int, shift: float) -> tuple[Array, Arra
     n = len(M)
     scale = np.sqrt(np.abs(K.diagonal() + shift * M.diagonal()))
     scale = 1 / np.where(scale > 0, scale, 1.0)
-    left = scale[:, None] * scale
+    left, first = scale[:, None] * scale, max(0, n - count)
+    few = count < _FEW_MODES * n
     try:
         mu, shapes = eigh(
-            M * left, (K + shift * M) * left, subset_by_index=[max(0, n - count), n - 1], check_finite=False
+            M * left,
+            (K + shift * M) * left,
+            subset_by_index=[first, n - 1] if few else None,
+            check_finite=False,
         )
     except LinAlgError:
         raise Singular(
             "the stiffness is indefinite, or a motion has neither mass nor stiffness",
             remedy="Check the values of the parameters: a mode needs positive stiffness.",
         ) from None
+    if not few:
+        mu, shapes = mu[first:], shapes[:, first:]
     inverse = Inverse(mu[::-1], scale[:, None] * shapes[:, ::-1], shift)
     heavy = inverse.mu > _MASSLESS_MOTION_TOL * inverse.mu[0]
     mu, shapes = inverse.mu[heavy], inverse.vectors[:, heavy]

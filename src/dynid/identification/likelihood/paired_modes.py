@@ -74,11 +74,12 @@ def paired_modes(
     pair_mac = np.full(r, np.nan)
     turned: dict[int, Any] = {}
     scatter, form = measured.deviations()[2], error[-1] if s else 0.0
+    spans = np.abs(omega - omega[pairs][:, None]) <= close * omega[pairs][:, None]
+    slopes_of_modes, read = np.zeros((len(omega), p), dtype=complex), spans[without].any(axis=0)
     if without.any():
-        slopes_of_modes = solution.pole_slopes(solution.poles, solution.shapes, slopes)
+        slopes_of_modes[read] = solution.pole_slopes(solution.poles[read], solution.shapes[:, read], slopes)
     for k, pair in enumerate(pairs.tolist()):
-        near = np.flatnonzero(np.abs(omega - omega[pair]) <= close * omega[pair])
-        span = [pair, *[j for j in near.tolist() if j != pair]]
+        span = [pair, *[j for j in np.flatnonzero(spans[k]).tolist() if j != pair]]
         there = ~np.isnan(target[:, k])
         if not there.any():  # of equal modes without a shape the mean
             poles[k] = solution.poles[pair]
