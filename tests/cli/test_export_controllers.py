@@ -110,6 +110,7 @@ def test_what_has_no_sampled_controllers_is_refused(dynid, folder):
     for name, message in (
         ("continuous.yaml", "no controller of the scene is sampled"),
         ("designed.yaml", "the scene has a 'design'"),
+        (str(CONFIGS / "servo_lqr.yaml"), "bond_graph/state_feedback/gain"),
         (str(CONFIGS / "beam_reduction.yaml"), "kind reduction"),
         ("servo.h5", "is no scene"),
     ):

@@ -44,9 +44,14 @@ def controller_code(scene: Scene[BondGraphScene]) -> str:
     _, analysis = question(scene)
     loops = analysis.sampled_loops
     if loops is None:
+        remedy = "State the 'sample' of a controller, its period in s."
+        if model.control is not None and model.control.states is not None:
+            remedy = (
+                "Gains of states need no function: bond_graph/state_feedback/gain of the result has them."
+            )
         raise UsageError(
             "no controller of the scene is sampled, and C functions are of those",
-            remedy="State the 'sample' of a controller, its period in s.",
+            remedy=remedy,
         )
     names = set[str]()
     text = [_HEADER.format(title=scene.title.replace("*/", "* /"))]
