@@ -26,6 +26,7 @@ _LONGEST_STEP, _SHORTEST_STEP = 0.3, 1e-3
 _SMALLER, _MAX_SMALLER = 0.25, 20
 # Relative error of an amplitude below which the rest is to first order, and most steps until it is reached.
 _AMPLITUDE_TOL, _MAX_STEPS = 1e-6, 20
+_PLACE = ("measurement.modes.values", "measurement.modes")
 # Motion of a mode at the place, relative to its largest, below which it is a node.
 _NODE = 1e-9
 
@@ -70,9 +71,13 @@ def backbone_points(
     points = BackbonePoints(*np.zeros((2, len(modes))), *np.zeros((2, len(modes), len(names))))
     for mode in np.unique(modes).tolist():
         if not 0 <= mode < len(row) or structure.eigenvalues[mode] <= 0:
-            raise UsageError(f"the structure has no mode {mode + 1} that vibrates")
+            raise UsageError(f"the structure has no mode {mode + 1} that vibrates", names=_PLACE)
         if abs(row[mode]) <= _NODE * np.abs(row).max(initial=0.0):
-            raise UsageError(f"mode {mode + 1} does not move the place at which its amplitude is measured")
+            raise UsageError(
+                f"mode {mode + 1} does not move the place at which its amplitude is measured",
+                remedy="Name another DOF as that of the amplitudes.",
+                names=("measurement.modes.amplitude_of", *_PLACE),
+            )
         along = _Along(BackboneCurve(structure, mode, MAX_HARMONICS), parameters, row, place.order)
         of_mode = np.flatnonzero(modes == mode)
         order = of_mode[np.argsort(amplitudes[of_mode], kind="stable")]
