@@ -147,11 +147,10 @@ class _Along:
     def _start(self, amplitude: float) -> tuple[float, _Solution]:
         """Return a motion of at most an amplitude, and its amplitude."""
         s, mode = self.curve.structure, self.curve.mode
+        of_mode = 1 / (abs(self.row[mode]) * s.eigenvalues[mode] ** (self.order / 2))
         for part in amplitude * _SMALLER ** np.arange(_MAX_SMALLER):
-            unknowns = self.curve.linear(
-                part / (abs(self.row[mode]) * s.eigenvalues[mode] ** (self.order / 2))
-            )
-            solution = self._at(part, unknowns)
+            self.curve.memory.hidden = [None] * len(s.laws)
+            solution = self._at(part, self.curve.linear(part * of_mode))
             if solution is not None:
                 return float(part), solution
         raise NumericalError(
