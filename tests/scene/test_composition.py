@@ -685,6 +685,11 @@ def test_a_bond_without_an_end_is_a_fault_of_its_model():
     )
 
 
+def test_a_bond_that_is_no_text_is_a_fault_beside_models():
+    spoiled = SPOILED.replace("bonds: [u -> a.left]", "bonds: [[u -> a.left]]")
+    assert "'['u -> a.left']' is not a bond; write 'a -> b'" in faults(spoiled)
+
+
 def test_a_port_that_is_no_end_of_a_bond_is_a_fault_also_of_a_chain():
     text = SPOILED.replace("[left]", "[left, right]").replace(
         "{model: cell}", "{model: cell, repeat: 2, chain: [right, left]}"

@@ -133,3 +133,65 @@ responses: {harmonic_balance: {dof: w_7, amplitude: 1, start: 6, stop: 10, unit:
     whole = "".join(line for line in beam.splitlines(keepends=True) if not line.startswith("reduction"))
     reduced, full = (run(text)["response/harmonic_balance/amplitude"].data.max() for text in (beam, whole))
     assert reduced == pytest.approx(full, rel=1e-3)
+
+
+RECORD = """measurement:
+  step: 0.1
+  samples: 60
+  channels: [{dof: 2, quantity: velocity}]
+  NOISE
+  simulate: {seed: 1}
+"""
+RECORDED = STRUCTURE.replace("start: 8.0e3", "start: 8.0e3, true: 8.0e3") + RECORD
+NO_PORT = ASKED.replace("results: [time_response]", "results: [properties], port: PORT").replace(
+    ", time: {stop: 1, step: 0.1}", ""
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "message"),
+    [
+        (
+            RECORDED,
+            "NOISE",
+            "noise: {kind: coloured, order: 0}",
+            "'order' is a whole number from 1 to 200, or auto",
+        ),
+        (RECORDED, "NOISE", "noise: {kind: coloured, ratio: 0.1}", "'ratio' is that of proportional noise"),
+        (RECORDED, "NOISE", "noise: {kind: proportional, ratio: 0.1}", "has no lines to be proportional to"),
+        (RECORDED, "NOISE", "noise: {kind: coloured, order: 30}", "coloured noise of order 30 needs"),
+        (RECORDED, "{seed: 1}", "{seed: 1, noise_colour: [0.5, 1.2]}", "is not stationary"),
+        (RECORDED, "{seed: 1}", "{seed: 1, model: reduced}", "but there is no 'reduction'"),
+        (RECORDED, "c: 1LAWS", "c: {matrix: [[1, 0]]}", "a joint's matrix is square; row 1 has 2 entries"),
+        (
+            RECORDED,
+            "k: {start: 8.0e3, true: 8.0e3}",
+            "k: {start: 1, matrix: [[0, 0], [0, 0]]}",
+            "there is nothing to identify",
+        ),
+        (RECORDED + "estimator: {laws: [linear]}\n", "", "", "name two or more"),
+        (RECORDED + "estimator: {laws: [cubic, cubic]}\n", "", "", "'laws' names a law twice"),
+        (
+            RECORDED + "estimator: {laws: [linear, cubic], loss: huber}\n",
+            "",
+            "",
+            "which the loss 'huber' has not",
+        ),
+        (RECORDED + "estimator: {laws: [linear, power]}\n", "", "", "'power' needs more than its kind"),
+        (
+            RECORDED + "accuracy: {alternatives: {engine: [float]}}\n",
+            "",
+            "",
+            "'engine' is no choice of a run",
+        ),
+        (RECORDED + "accuracy: {alternatives: {modes: [magic]}}\n", "", "", "'magic'"),
+        (STRUCTURE + FUNCTIONS + "  held_out: [{samples: 20}]\n", "", "", "'held_out' are records of time"),
+        (graph("", more=NO_PORT), "PORT", "v", "a port is one bond of the graph"),
+        (graph("", more=NO_PORT), "PORT", "v -> x", "x"),
+    ],
+)
+def test_what_makes_no_sense_in_its_place_is_refused(text, old, new, message):
+    assert old in text
+    text = text.replace(old, new) if old else text
+    faults = faults_of(text.replace("LAWS", "").replace("  NOISE\n", ""))
+    assert any(message in fault for fault in faults), faults

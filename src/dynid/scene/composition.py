@@ -144,7 +144,7 @@ class _Flattening:
 
     def _bond(self, prefix: str, text: Any, path: KeyPath, nodes: Mapping[Any, Any]) -> None:
         mark = self._mark(path)
-        if problem := chain_fault(str(text)):
+        if problem := chain_fault(text):
             self._note(self.source.fault(path, problem))
             return
         ends = chain_ends(text)

@@ -69,15 +69,16 @@ def chain_ends(text: str) -> list[str]:
     return ends if len(ends) > 1 and all(ends) else []
 
 
-def chain_fault(text: str) -> str:
-    """Return why a text is no chain of bonds, or an empty text; several chains in it are shown as entries."""
-    first, *others = (entry.strip() for entry in re.split("[,;\n]", text))
-    if "->" not in first or not (others or chain_ends(text)):
+def chain_fault(entry: Any) -> str:
+    """Return why an entry is no chain of bonds, or an empty text; of several it shows the entries."""
+    text = str(entry)
+    first, *others = (part.strip() for part in re.split("[,;\n]", text))
+    if not isinstance(entry, str) or "->" not in first or not (others or chain_ends(text)):
         return f"'{text}' is not a bond; write 'a -> b', or a chain 'a -> b -> c'"
     if not others:
         return ""
     tail = first.rpartition("->")[0].rpartition("->")[2].strip()  # of what is short for a -> b, a -> c
-    chains = [first, *(entry if "->" in entry else f"{tail} -> {entry}" for entry in others if entry)]
+    chains = [first, *(part if "->" in part else f"{tail} -> {part}" for part in others if part)]
     entries = " and ".join(f"- {chain}" for chain in chains)
     return f"bond '{text}': an entry holds one chain; write an entry for each: {entries}"
 
