@@ -6,6 +6,8 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from dynid import native
+
 
 def calls_of(function, *arguments):
     """Return the number of calls of functions that a call makes."""
@@ -16,24 +18,32 @@ def calls_of(function, *arguments):
 
 #: Operations of a dense eigenvalue problem over the cube of its size: a call takes as long as a hundred.
 _EIGENVALUES = 1 / 100
+#: Calls that take as long as the library does for a value of an array that it reads or writes.
+_VALUES = 1 / 30
 
 
 def operations_of(function, *arguments):
-    """Return the number of calls that a call makes, with what dense eigenvalues take."""
-    cubes = [0]
+    """Return the number of calls that a call makes, with what dense eigenvalues and the library take."""
+    cubes, values, address = [0], [0], native._address
 
     def counted(eigenvalues):
         def count(matrix, *more, **options):
-            cubes[0] += len(matrix) ** 3
+            shape = np.shape(matrix)
+            cubes[0] += np.prod(shape) * min(shape[-2:])
             return eigenvalues(matrix, *more, **options)
 
         return count
 
+    def addressed(array):
+        values[0] += 0 if array is None else array.size
+        return address(array)
+
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(native, "_address", addressed)
         for name in ("eigvals", "eig", "eigvalsh", "eigh", "svd"):
             patch.setattr(np.linalg, name, counted(getattr(np.linalg, name)))
         calls = calls_of(function, *arguments)
-    return calls + _EIGENVALUES * cubes[0]
+    return calls + _EIGENVALUES * cubes[0] + _VALUES * values[0]
 
 
 @contextmanager

@@ -1,11 +1,14 @@
-"""Default results cost at most ten times the requested response, in operations, on benchmarked shapes."""
+"""Default results cost at most ten times the requested response or fit, counted on benchmarked shapes."""
 
 import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dynid.bench.cases import frequency_response, graph_shapes, startup, zeros_poles
+from dynid.bench.cases import frequency_response, graph_shapes, long_records, startup, zeros_poles
+from dynid.result import Selection
+from dynid.scene.kinds import identification
 from dynid.scene.kinds.explain_graph import explain
 from dynid.scene.load import check_source, load_scene
 from dynid.scene.run import run_scene
@@ -14,6 +17,7 @@ from dynid.structure import backends
 from dynid.structure.modes import sparse
 from tests.work import operations_of
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 USUAL = {"transfer_function", "zeros", "poles", "properties", "reduction"}
 SHAPES = {
     "chain": lambda size: graph_shapes._analysis(*graph_shapes._chain(size), "m0.f").source.data,
@@ -57,6 +61,29 @@ def test_default_results_take_few_operations(shape, size):
         run_scene(scene)
     requested, default = (operations_of(run_scene, scene) for scene in scenes)
     assert default < 10 * requested, (requested, default)
+
+
+RECORDS = {
+    "short": lambda: load_scene(
+        CONFIGS / "suspension_noisy.yaml"
+    ),  # 800 samples of two channels, four unknowns
+    "wide": lambda: long_records._scene(1000),  # of sixty channels, twelve unknowns
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("complete")
+@pytest.mark.parametrize("record", RECORDS)
+def test_default_results_of_identifications_take_few_operations(record):
+    def requested(scene):
+        identification.run(scene, Selection("identification", ["identification/parameters/estimate"]))
+
+    short = RECORDS["short"]()
+    for function in (requested, run_scene):  # imports
+        function(short)
+    scene = RECORDS[record]()
+    fit, default = (operations_of(function, scene) for function in (requested, run_scene))
+    assert default < 10 * fit, (fit, default)
 
 
 @pytest.mark.parametrize(
