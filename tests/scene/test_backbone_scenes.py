@@ -110,3 +110,24 @@ def test_files_without_amplitudes_of_the_motion_are_refused(tmp_path, columns, o
     (tmp_path / "backbone.csv").write_text(columns)
     with pytest.raises(DynidError, match=message):
         dynid.run(scene(tmp_path, f"{HEAD}measurement: {{modes: {{{of}file: backbone.csv}}}}"))
+
+
+@pytest.mark.thorough
+def test_a_reduced_structure_has_the_backbones_of_the_whole(tmp_path):
+    beam = """
+dynid: 1
+kind: identification
+structure:
+  beam: {elements: 8, length: 1, EI: 500, rhoA: 3, supports: [{node: 1, fix: [w, theta]}]}
+joints: {tip: {dofs: [w_9], laws: [{kind: cubic, k3: {start: 1.0e8}}]}}
+measurement:
+  modes:
+    amplitude_of: {dof: w_9}
+    values:
+      - {amplitude: 1.0e-3, frequency: 45.9, frequency_std: 0.1}
+      - {amplitude: 5.0e-3, frequency: 55.0, frequency_std: 0.1}
+"""
+    whole = dynid.run(scene(tmp_path, beam))
+    reduced = dynid.run(scene(tmp_path, beam + "reduction: {method: joint-aware}\n"))
+    k3, same = (result.value("identification/parameters/estimate") for result in (whole, reduced))
+    np.testing.assert_allclose(same, k3, rtol=1e-3)
