@@ -23,6 +23,8 @@ from dynid.identification.likelihood.time_record import TimeRecord
 LEAST_GAIN, GAIN_EACH = 20.0, 7.0
 #: Steps of an estimate, and of a first one.
 STEPS, FEW_STEPS = 30, 12
+#: Gain of the logarithm of the likelihood by which a step decides nothing.
+LEAST_STEP_GAIN = 0.01
 
 Places = tuple[tuple[int, int], ...]
 """Channels, each by the places of its record and of itself."""
@@ -86,7 +88,7 @@ class Corrected(NamedTuple):
 def estimated(plain: Likelihood, corrections: Corrections, eta: Array, steps: int) -> Corrected:
     """Return the estimate from corrected channels."""
     corrected_likelihood = corrected(plain, corrections)
-    fit = refine(corrected_likelihood, eta, steps).fit
+    fit = refine(corrected_likelihood, eta, steps, least_gain=LEAST_STEP_GAIN).fit
     return Corrected(corrections, corrected_likelihood, fit, concentrated(plain, fit, corrections))
 
 

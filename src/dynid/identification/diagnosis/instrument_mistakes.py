@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import combinations
 
@@ -54,6 +55,8 @@ _MAX_DELAY_SAMPLES, _MAX_DELAY_SHARE, _COMMON_DELAYS = 20, 0.1, (1, -1, 2, -2, 3
 _MIN_SQUARED_CORRELATION = 0.2
 # Rounds of corrections and estimates.
 _CORRECTION_ROUNDS = 6
+# First steps of the searches from common mistakes, and how many of these, the likeliest, are followed.
+_FIRST_STEPS, _MAX_FOLLOWED = 4, 6
 # How many times smaller the mean square of a corrected channel's residual is than without its correction.
 _SQUARE_RATIO = 2.0
 # Multiplications of one evaluation of frequency responses beyond which nothing is searched.
@@ -174,14 +177,21 @@ def _from_common_mistakes(plain: Likelihood, eta: Array) -> Corrected | None:
         ]
         for corrections in tried
     ]
-    estimates = []
-    for corrections in tried:
-        try:
-            estimates.append(estimated(plain, corrections, eta, FEW_STEPS))
-        except (DynidError, ArithmeticError, np.linalg.LinAlgError):
-            continue
+    begun = _estimates(plain, [(corrections, eta) for corrections in tried], _FIRST_STEPS)
+    likeliest = sorted(begun, key=lambda estimate: estimate.value)[:_MAX_FOLLOWED]
+    followed = [(estimate.corrections, estimate.fit.eta) for estimate in likeliest]
+    estimates = _estimates(plain, followed, FEW_STEPS - _FIRST_STEPS)
     best = min(estimates, key=lambda estimate: estimate.value, default=None)
     return None if best is None else _search(plain, best.fit.eta, best.corrections)
+
+
+def _estimates(
+    plain: Likelihood, starts: Sequence[tuple[Corrections, Array]], steps: int
+) -> Iterator[Corrected]:
+    """Yield the estimates from corrections and coordinates (p), as far as there are any."""
+    for corrections, eta in starts:
+        with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
+            yield estimated(plain, corrections, eta, steps)
 
 
 def _exchanges(plain: Likelihood) -> list[Corrections]:

@@ -3,9 +3,9 @@
 A gain is that of a channel, or of all, which is that of the excitation; AC coupling, anti-alias filters and
 integrators act on all channels, on those of one quantity, or on one; the mass of a sensor acts on the
 structure where it stands. Of each kind the likeliest start is estimated with all parameters in a few steps,
-from the estimate, and from the scene's start where that explains nothing; of the likeliest kinds all orders
-and shapes are estimated in full. What acts on all channels comes first; a single one is blamed where nothing
-common explains the records.
+from the estimate, and from the scene's start where that explains nothing. The likeliest kinds are estimated
+in full, in all orders and shapes where the first of these explains anything. What acts on all channels comes
+first; a single one is blamed where nothing common explains the records.
 """
 
 from __future__ import annotations
@@ -22,7 +22,15 @@ import numpy as np
 from dynid.arithmetic.dependent import Dependent
 from dynid.arrays import Array
 from dynid.errors import DynidError
-from dynid.identification.diagnosis.corrections import STEPS, Explanation, Places, gain_unknown, sensor_of
+from dynid.identification.diagnosis.corrections import (
+    LEAST_GAIN,
+    LEAST_STEP_GAIN,
+    STEPS,
+    Explanation,
+    Places,
+    gain_unknown,
+    sensor_of,
+)
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.likelihood.frf_record import FrfRecord
 from dynid.identification.likelihood.lack_of_fit import compare_models
@@ -116,18 +124,34 @@ def instrument_unknowns(plain: Likelihood, etas: Sequence[Array]) -> Iterator[Ex
     with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
         at_estimate = plain.fit(etas[0])
         origins = etas if compare_models(plain, at_estimate).explained else etas[-1:]
-        for kinds in (list(_common(plain)), list(_single(plain))):
-            begun = [estimate for kind in kinds if (estimate := _likeliest(plain, kind[:1], origins, values))]
-            for first in sorted(begun, key=lambda estimate: estimate.value)[:_ESTIMATED_KINDS]:
-                kind = next(kind for kind in kinds if kind[0] is first.unknown)
-                best = _likeliest(plain, kind, [first.fit.eta], values, STEPS)
-                if best is None:
+        begun: dict[Any, _Estimate | None] = {}
+        for all_kinds in (_common(plain), _single(plain)):
+            kinds: dict[Any, list[_Unknown]] = {}
+            for kind in all_kinds:
+                key = _key(kind[0])
+                kinds.setdefault(key, kind)
+                if key not in begun:
+                    begun[key] = _likeliest(plain, kind[:1], origins, values)
+            firsts = [(first, kind) for key, kind in kinds.items() if (first := begun[key]) is not None]
+            for first, kind in sorted(firsts, key=lambda pair: pair[0].value)[:_ESTIMATED_KINDS]:
+                before = plain.misfit(at_estimate)
+                best = _likeliest(plain, kind[:1], [first.fit.eta], values, STEPS)
+                # Where the first of a kind explains no more than none does, its variants do not either.
+                if best is not None and best.value < before:
+                    best = _likeliest(plain, kind, [best.fit.eta], values)
+                    best = best and _likeliest(plain, [best.unknown], [best.fit.eta], values, STEPS)
+                if best is None or before - best.value <= LEAST_GAIN:
                     continue
                 # The likelihood ratio of the unknown and none, the parameters estimated with either.
-                before = plain.misfit(at_estimate)
                 with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
-                    before = min(before, plain.misfit(refine(plain, best.fit.eta[:-1], STEPS).fit))
+                    alone = refine(plain, best.fit.eta[:-1], STEPS, least_gain=LEAST_STEP_GAIN).fit
+                    before = min(before, plain.misfit(alone))
                 yield Explanation(before - best.value, best.likelihood, best.fit, partial(_sentences, best))
+
+
+def _key(unknown: _Unknown) -> Any:
+    """Return what distinguishes unknowns of different kinds."""
+    return unknown.channels, unknown.dof, unknown.is_gain, tuple(item.kind for item in unknown.filters)
 
 
 def _likeliest(
@@ -150,7 +174,7 @@ def _likeliest(
                 starts = [unknown.parameter.coordinate(start) for start in unknown.starts]
                 origins = [np.append(eta, start) for eta in etas for start in starts]
             origin = min(origins, key=other.misfit_at) if len(origins) > 1 else origins[0]
-            fit = refine(other, origin, steps).fit
+            fit = refine(other, origin, steps, least_gain=LEAST_STEP_GAIN).fit
             # Initial states of filters are free: a state counts as one more unknown (Schwarz).
             value = other.misfit(fit) + unknown.states * math.log(values) / 2
             if best is None or value < best.value:

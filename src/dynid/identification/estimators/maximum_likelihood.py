@@ -93,7 +93,12 @@ class OutputError:
 
 
 def refine(
-    likelihood: Likelihood, eta: Array, iterations: int = 50, noise: Sequence[Array] | None = None
+    likelihood: Likelihood,
+    eta: Array,
+    iterations: int = 50,
+    noise: Sequence[Array] | None = None,
+    *,
+    least_gain: float = 0.0,
 ) -> Refined:
     """Go to the nearest maximum of the likelihood.
 
@@ -101,7 +106,8 @@ def refine(
     is followed from the middle: with a strong pull to it first, and then with weaker ones.
 
     `eta`: coordinates to start from (p); `iterations`: most steps; `noise`: that of a nearby model whose
-    estimate they are. Raises Diverged if a parameter leaves its start by a factor of a million.
+    estimate they are; `least_gain`: where two steps gain less of the logarithm of the likelihood, the search
+    ends. Raises Diverged if a parameter leaves its start by a factor of a million.
     """
     eta, steps = likelihood.priors.clipped(eta), 0
     if likelihood.priors.pulled.any():
@@ -110,18 +116,23 @@ def refine(
         for pull in _PULLS if likelihood.priors.open(deviations).any() else ():
             middle = _nearest_maximum(replace(likelihood, pull=pull), eta, iterations)
             eta, steps = middle.fit.eta, steps + middle.steps
-    maximum = _nearest_maximum(likelihood, eta, iterations, noise)
+    maximum = _nearest_maximum(likelihood, eta, iterations, noise, least_gain)
     return Refined(maximum.fit, maximum.steps + steps)
 
 
 def _nearest_maximum(
-    likelihood: Likelihood, eta: Array, iterations: int, noise: Sequence[Array] | None = None
+    likelihood: Likelihood,
+    eta: Array,
+    iterations: int,
+    noise: Sequence[Array] | None = None,
+    least_gain: float = 0.0,
 ) -> Refined:
     """Go to the nearest maximum of the likelihood by Levenberg and Marquardt's steps within the limits."""
     fit = likelihood.fit(eta, noise)
     misfit = likelihood.misfit(fit)
     damping = _FIRST_DAMPING if noise is None else _MIN_DAMPING
     before, smallest = 0.0, _LAST_DISTANCE_UNITS * likelihood.priors.units
+    gains = [np.inf, np.inf]  # of the last steps
     superposes = all(record.superposes for record in likelihood.records)
     may_idle = any(record.may_idle for record in likelihood.records)
     for number in range(1, iterations + 1):
@@ -157,11 +168,14 @@ def _nearest_maximum(
                 break
         if better is None:  # no step improves: rounding is all that is left
             return Refined(fit, number - 1)
+        gains = [gains[-1], misfit - better[1]]
         fit, misfit = better
         check_run_away(likelihood.unknowns, fit.eta, eta, likelihood.records[0].observed.astray)
         size = float(np.max(np.abs(step) / negligible))
         # The sum of all steps to come, after two of these sizes: a geometric series.
         left = size * size / (before - size) if size < before / 2 else size
+        if max(gains) < least_gain:
+            return Refined(fit, number)
         is_open = damping > _MIN_DAMPING and is_unbounded
         if left <= 1.0 and not is_open:
             return Refined(fit, number)

@@ -87,7 +87,11 @@ class FilteredSystem(LinearSystem):
 
     def at(self, values: Mapping[str, float]) -> Matrices:
         """Return the matrices of the system with its filters."""
-        matrices = self.system.at(self._of_system(values))
+        affine = self.system.affine  # their sums are cheaper than matrices assembled anew
+        if affine is None:
+            matrices = self.system.at(self._of_system(values))
+        else:
+            matrices = affine.at(np.array([values[unknown.name] for unknown in self.system.unknowns]))
         if self.further:
             slopes = (
                 np.concatenate([slope, np.zeros((len(self.further), *slope.shape[1:]))])
