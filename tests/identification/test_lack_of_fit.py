@@ -17,6 +17,7 @@ from dynid.identification.likelihood.saturated_model import (
     RegressorKind,
     Regressors,
     saturated_coordinates,
+    saturated_directions,
 )
 from dynid.identification.records.measurement import Experiment, Simulation
 from dynid.identification.statistics import log_f_tail
@@ -317,11 +318,12 @@ def test_columns_that_nearly_depend_on_each_other_keep_their_digits():
     rng = np.random.default_rng(3)
     Q = np.linalg.qr(rng.standard_normal((200, 3)))[0]
     values = np.column_stack([Q[:, 0], Q[:, :2] + 2e-5 * Q[:, 1:]])
-    residual, none = rng.standard_normal(200), np.zeros((200, 0))
-    channel = ChannelColumns(
-        values.sum(axis=1), values.sum(axis=1) + residual, residual, none, none, none, none
-    )
-    found = saturated_coordinates(Regressors.of(RegressorKind.LINE, [values], 200), channel, 200.0)
+    residual, predicted = rng.standard_normal(200), values.sum(axis=1)
+    shared = Regressors.of(RegressorKind.LINE, [values], 200)
+    columns = np.column_stack([predicted, predicted + residual, residual])
+    channel = ChannelColumns.of(shared, columns, (0, 0, 0, 0))
+    ranges = saturated_directions(shared.factors[1], 3)
+    found = saturated_coordinates(shared, ranges, channel, 200.0)
     np.testing.assert_allclose(np.abs(found.residual), np.abs(Q.T @ residual), rtol=1e-5, atol=1e-6)
     assert found.left == pytest.approx(np.sum(residual**2))
 

@@ -1,6 +1,8 @@
 """Noise that is not white: exact likelihood, estimates of its model, coverage of the intervals."""
 
+import tracemalloc
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,15 +12,18 @@ from dynid.errors import UsageError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.identify import identify
+from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.time_record import TimeRecord
+from dynid.identification.problem import Problem
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Experiment, Measurement, Simulation
-from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
+from dynid.identification.records.noise import Autoregression, ColouredNoise, Whitening, estimated
 from dynid.identification.records.preparation import Decimate, prepare
 from dynid.identification.systems.parametric_model import parametric_model
 from dynid.identification.systems.prediction import free_prediction, prediction
 from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
+from dynid.native import compiled
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
@@ -106,6 +111,74 @@ def test_likelihood_and_information_are_those_of_the_full_covariance(correlated,
     np.testing.assert_allclose(record.log_determinant() + levels, logarithm, rtol=1e-9)
 
 
+@pytest.mark.parametrize("correlated", [False, True])
+def test_blocks_of_rows_are_whitened_as_all_at_once(correlated):
+    """Across gaps at the ends of blocks, blocks shorter than the order, and values that are never there."""
+    rng = np.random.default_rng(4)
+    present = rng.random((60, 2)) < 0.9
+    present[8:14], present[30:, 1] = False, False
+    a, L = np.array([[1.3, -0.7, 0.1], [0.6, 0.0, 0.0]]), np.array([[1.0, 0.0], [0.4, 1.0]])
+    colour = Autoregression(a, np.array([3, 1]), L if correlated else None, np.array([0.03, 2.0]))
+    rows = rng.standard_normal((60, 2, 5))
+    white, ends = Whitening(colour, present), [0, 1, 3, 10, 12, 31, 60]
+    blocks = [white.following(rows[first:last]) for first, last in pairwise(ends)]
+    np.testing.assert_array_equal(np.concatenate(blocks), colour.whitened(rows, present))
+
+
+def estimates(model, measurement, noise_limit, monkeypatch):
+    """Return the posterior's arrays; `noise_limit`: numbers that are kept, and held in a block."""
+    monkeypatch.setattr("dynid.identification.likelihood.time_record._MAX_KEPT_NUMBERS", noise_limit)
+    monkeypatch.setattr("dynid.identification.likelihood.time_record._MAX_BLOCK_NUMBERS", noise_limit)
+    for name in ("_MAX_WHOLE_NUMBERS", "_MAX_BLOCK_NUMBERS"):
+        monkeypatch.setattr(f"dynid.identification.likelihood.saturated_record.{name}", noise_limit)
+    return identify(model, Experiment(LOADS, measurement), OutputError())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("noise", [None, ColouredNoise(2), ColouredNoise(2, correlated=True)], ids=str)
+def test_results_of_a_record_in_blocks_are_those_of_all_at_once(noise, monkeypatch):
+    measurement = measured(noise, samples=1500, channels=BOTH, colour=COLOUR if noise else ())
+    source = data(oscillator(), LOADS, measurement).values
+    source[510:514, 0] = np.nan  # at the end of a block
+    record = Measurement(0.05, 1500, BOTH, source, start=5.0, noise=noise)
+    whole, parts = (estimates(oscillator(), record, size, monkeypatch) for size in (1_000_000, 1))
+    for path in (
+        *("parameters/estimate", "parameters/standard_error", "considered/slope", "measurement/predicted"),
+        *("diagnostics/signal_explained", "diagnostics/redundancy", "diagnostics/log_likelihood"),
+    ):
+        one, other = (result[f"identification/{path}"].data for result in (parts, whole))
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9 * np.abs(other).max())
+    logs = [np.log(result["identification/diagnostics/lack_of_fit_p"].data) for result in (parts, whole)]
+    np.testing.assert_allclose(*logs, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("noise", [None, ColouredNoise(2)], ids=["white", "coloured"])
+def test_memory_of_fits_and_comparisons_grows_with_the_values_alone(noise, monkeypatch):
+    """Twice the samples take a few more arrays of values and states, not their derivatives."""
+    if not compiled():
+        pytest.skip("the library is absent")
+    monkeypatch.setattr("dynid.identification.likelihood.time_record._MAX_KEPT_NUMBERS", 0)
+    monkeypatch.setattr("dynid.identification.likelihood.time_record._MAX_BLOCK_NUMBERS", 50_000)
+    for name in ("_MAX_WHOLE_NUMBERS", "_MAX_BLOCK_NUMBERS"):
+        monkeypatch.setattr(f"dynid.identification.likelihood.saturated_record.{name}", 10_000)
+    peaks, arrays = [], 0
+    for samples in (6000, 12_000):
+        measurement = measured(noise, samples=samples, channels=BOTH)
+        likelihood = Problem.of(oscillator(), [Experiment(LOADS, measurement)]).likelihood
+        eta = np.log([350.0, 2.0])
+        if noise is not None:
+            likelihood = likelihood.renewed(likelihood.fit(eta))
+        compare_models(likelihood, likelihood.fit(eta))
+        tracemalloc.start()
+        compare_models(likelihood, likelihood.fit(eta))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        arrays = samples * 8 * len(BOTH)
+    # Outputs, residuals, direct terms, states, loads, masks. The regressors alone were 8 of such arrays.
+    assert peaks[1] - peaks[0] < 9 * arrays / 2
+
+
 def test_noise_is_simulated_with_its_colour_and_size():
     plain = data(oscillator(), LOADS, measured(samples=40_000, colour=()))
     coloured = data(oscillator(), LOADS, measured(samples=40_000))
@@ -173,11 +246,11 @@ def test_every_record_has_its_own_noise():
 def test_an_autoregression_is_stationary_and_leaves_out_gaps():
     x = Autoregression.of((1.5, -0.9), 1).simulated(np.random.default_rng(3).standard_normal((3000, 1)))
     x[::7] = np.nan
-    found = estimated(x, np.zeros((3000, 1, 0)), ColouredNoise(2))
+    found = estimated(x, [np.zeros((3000, 0))], ColouredNoise(2))
     np.testing.assert_allclose(found.coefficients, [[1.5, -0.9]], atol=0.05)
     x[::2] = np.nan
     with pytest.raises(UsageError, match="stretches of"):
-        estimated(x, np.zeros((3000, 1, 0)), ColouredNoise(2))
+        estimated(x, [np.zeros((3000, 0))], ColouredNoise(2))
 
 
 def test_estimators_that_assume_white_noise_say_so_and_others_find_one_optimum():

@@ -23,7 +23,7 @@ Array: TypeAlias = NDArray[Any]
 
 VARIABLE = "DYNID_COMPILED"
 #: The version of the functions' arguments, as in `abi.c`: a library of another one is not used.
-ABI = 11
+ABI = 12
 _NO_MEMORY = -(2**63)
 
 

@@ -7,7 +7,7 @@
 #endif
 
 /* The version of the functions' arguments, as in `__init__.py`. */
-ENTRY int64_t dynid_abi(void) { return 11; }
+ENTRY int64_t dynid_abi(void) { return 12; }
 
 /* Return 1 if this machine has registers of 256 bits and fused multiply-adds, and its system keeps them; 2 if it
  * has them of 512 bits as well. */

@@ -70,12 +70,20 @@ INLINE void respond(const Tables *t, const Linear *at, int64_t channels, const d
   }
 }
 
-/* Fill outputs from rest (samples x channels), and their derivatives by the first state (... x n). */
-ENTRY int64_t dynid_free(const Tables *t, const Linear *at, int64_t channels, const double *C,
-                         const double *direct, double *outputs, double *by_state) {
+/* Fill outputs of the next samples (count x channels), and their derivatives by the first state (... x n). `node`
+ * nodes are done; `carried`: the state, zeros from rest, padded, and what the channels read of the first one. */
+ENTRY int64_t dynid_free(const Tables *t, const Linear *at, int64_t channels, const double *C, int64_t *node,
+                         double *carried, int64_t count, const double *direct, double *outputs, double *by_state) {
+  const int64_t n = t->n, size = channels * padded(n);
+  double *read = carried + padded(n);
   Response response;
-  if (!start_response(t, at, channels, C, NULL, &response)) return NO_MEMORY;
-  respond(t, at, channels, C, &response, t->nodes, direct, outputs, by_state);
+  if (!start_response(t, at, channels, C, carried, &response)) return NO_MEMORY;
+  response.node = *node;
+  if (*node > 0) memcpy(response.read, read, size * sizeof(double));
+  respond(t, at, channels, C, &response, count, direct, outputs, by_state);
+  *node = response.node;
+  memcpy(carried, response.driven, n * sizeof(double));
+  memcpy(read, response.read, size * sizeof(double));
   free(response.all);
   return 0;
 }
@@ -142,13 +150,21 @@ INLINE void sense(const Tables *t, const Linear *at, int64_t channels, const dou
   }
 }
 
-/* Fill outputs from a first state, states (samples x n), and derivatives by the coordinates (... x p). */
+/* Fill outputs of the next samples (count x channels), states (count x n), and derivatives of the outputs by the
+ * coordinates (... x p). `node` nodes are done; `carried`: the state, padded, and its derivatives. */
 ENTRY int64_t dynid_sensitive(const Tables *t, const Linear *at, int64_t channels, const double *C,
-                              const double *C_slopes, const double *direct, const double *start,
-                              double *outputs, double *states, double *by_parameter) {
+                              const double *C_slopes, int64_t *node, double *carried, int64_t count,
+                              const double *direct, double *outputs, double *states, double *by_parameter) {
+  const int64_t n = t->n, size = n * padded(1 + t->p);
+  double *slopes = carried + padded(n);
   Sensitivity sensitivity;
-  if (!start_sensitivity(t, at, channels, start, &sensitivity)) return NO_MEMORY;
-  sense(t, at, channels, C, C_slopes, &sensitivity, t->nodes, direct, outputs, states, by_parameter);
+  if (!start_sensitivity(t, at, channels, carried, &sensitivity)) return NO_MEMORY;
+  sensitivity.node = *node;
+  memcpy(sensitivity.slopes, slopes, size * sizeof(double));
+  sense(t, at, channels, C, C_slopes, &sensitivity, count, direct, outputs, states, by_parameter);
+  *node = sensitivity.node;
+  memcpy(carried, sensitivity.driven, n * sizeof(double));
+  memcpy(slopes, sensitivity.slopes, size * sizeof(double));
   free(sensitivity.all);
   return 0;
 }
@@ -183,8 +199,9 @@ typedef struct {
   int64_t *counts;
 } Triangles;
 
-/* Begin with zeros; return 0 where there is no memory. */
-INLINE int start_triangles(int64_t channels, int64_t n, int64_t p, double *R, int64_t *counts, Triangles *to) {
+/* Begin with zeros, or with triangles in units of `powers` (absent: zeros); return 0 where there is no memory. */
+INLINE int start_triangles(int64_t channels, int64_t n, int64_t p, double *R, int64_t *counts, double *powers,
+                           Triangles *to) {
   const int64_t w = n + p + 1;
   *to = (Triangles){.channels = channels, .n = n, .p = p, .R = R, .counts = counts};
   double *arena = to->all = calloc(w * ROWS + 2 * padded(w) + channels * w, sizeof(double));
@@ -192,7 +209,8 @@ INLINE int start_triangles(int64_t channels, int64_t n, int64_t p, double *R, in
   to->block = taken(&arena, w * ROWS);
   to->products = taken(&arena, w);
   to->sizes = taken(&arena, w);
-  to->powers = arena;
+  to->powers = powers ? powers : arena;
+  if (powers) return 1;
   memset(R, 0, channels * w * w * sizeof(double));
   memset(counts, 0, channels * sizeof(int64_t));
   return 1;
@@ -236,19 +254,19 @@ INLINE void end_triangles(const Triangles *to, const double *rms) {
   free(to->all);
 }
 
-/* Fill the triangular factors (channels x w x w) of derivatives by state (samples x channels x n) and parameters
- * (... x p) and residuals (samples x channels; NaN: missing), w = n + p + 1, over what each channel is divided by;
- * and count its residuals. */
+/* Reflect derivatives by state (samples x channels x n) and parameters (... x p) and residuals (samples x channels;
+ * NaN: missing) into triangular factors (channels x w x w, w = n + p + 1) in units of `powers` (channels x w), all zeros
+ * before the first samples; and add to the counts of residuals. */
 ENTRY int64_t dynid_triangles(int64_t samples, int64_t channels, int64_t n, int64_t p, const double *by_state,
-                              const double *by_parameter, const double *residual, const double *rms,
-                              double *out, int64_t *counts) {
+                              const double *by_parameter, const double *residual, double *powers, double *out,
+                              int64_t *counts) {
   Triangles to;
-  if (!start_triangles(channels, n, p, out, counts, &to)) return NO_MEMORY;
+  if (!start_triangles(channels, n, p, out, counts, powers, &to)) return NO_MEMORY;
   for (int64_t first = 0; first < samples; first += BLOCK) {
     const int64_t count = samples - first < BLOCK ? samples - first : BLOCK, place = first * channels;
     absorb(&to, count, by_state + place * n, by_parameter + place * p, residual + place);
   }
-  end_triangles(&to, rms);
+  free(to.all);
   return 0;
 }
 
@@ -321,7 +339,7 @@ INLINE int64_t begin(const Tables *t, const Linear *at, const Outputs *out, cons
   Response response = {0};
   Triangles to = {0};
   if (!factors || !start_response(t, at, channels, C, NULL, &response) ||
-      !start_triangles(channels, n, 0, factors, (int64_t *)(factors + channels * w * w), &to)) {
+      !start_triangles(channels, n, 0, factors, (int64_t *)(factors + channels * w * w), NULL, &to)) {
     free(factors);
     free(response.all);
     return NO_MEMORY;
@@ -362,7 +380,7 @@ INLINE int64_t fit_at(const Tables *t, const Linear *at, const Outputs *out, con
   const int sensitive = fit->factors != NULL;
   if (!done && (!start_response(t, at, channels, C, fit->start, &response) ||
                 (sensitive && (!start_sensitivity(t, at, channels, fit->start, &sensitivity) ||
-                               !start_triangles(channels, n, p, fit->factors, fit->counts, &to)))))
+                               !start_triangles(channels, n, p, fit->factors, fit->counts, NULL, &to)))))
     done = NO_MEMORY;
   for (int64_t first = 0; !done && first < out->samples; first += BLOCK) {
     const int64_t count = out->samples - first < BLOCK ? out->samples - first : BLOCK, place = first * channels;

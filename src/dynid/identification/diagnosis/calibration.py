@@ -23,7 +23,7 @@ from dynid.identification.likelihood.shared_decays import sensitive_blocks, shar
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.frf_measurement import stacked, unstacked
 from dynid.identification.systems.parametric_model import freed_coordinates, freed_model
-from dynid.identification.systems.prediction import output_rates, outputs_from
+from dynid.identification.systems.prediction import PredictionBlock, output_rates, outputs_from
 from dynid.parameters import Parameter
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
@@ -151,7 +151,7 @@ def _of_record(record: TimeRecord, fit: RecordFit, noise: Array) -> _Calibration
         names, changes, columns = [*names, CLOCK], [*changes, CLOCK_CHANGE], [*columns, late]
     measured, channels = np.nan_to_num(record.data.recorded), len(record.data.rms)
     mixed = record.colour is not None and record.colour.mixing is not None
-    columns += [measured * unit for unit in np.eye(channels)] if mixed else [measured]
+    gained = np.eye(channels) if mixed else np.ones((1, 1))  # the channels whose values a gain changes
     influential, decays = record.influential(fit), record.decays(fit.eta)
     if decays is not None and not np.isnan(influential).any():
         # A freed model has the unknowns, too.
@@ -164,24 +164,31 @@ def _of_record(record: TimeRecord, fit: RecordFit, noise: Array) -> _Calibration
 
         def blocks_of_samples() -> Iterator[tuple[NDArray[np.int64], Array]]:
             for samples, _, _, moved in sensitive_blocks(general, at, start):
-                beside = [column[samples, None] for column in columns]
+                beside = [column[samples, None] for column in (*columns, measured)]
                 parts = [moved[:, order], *beside[:count], moved[:, places], *beside[count:]]
                 yield samples, np.concatenate(parts, axis=1)
 
         rows = shared_triangles(decays, blocks_of_samples()) / noise[:, None, None]
     else:
-        blocks = []
-        for block in record.channel_blocks((0 if freed is None else 2 * len(freed.unknowns)) + len(columns)):
-            predicted = record.predicted(fit, block)
-            parts = [predicted.by_parameter, *(column[:, block, None] for column in columns)]
-            if freed is not None:
-                other = record.with_model(freed)
-                start = fit.predicted.start
-                moved = other.prediction_from(eta, start, model, block, by_state=False).by_parameter
-                parts.insert(1 + count, moved[..., places])
-            both = np.concatenate(parts, axis=2)
-            blocks.append(record.triangles(influential[:, block], predicted.by_state, both, block)[0])
-        rows = np.concatenate(blocks)[..., :-1] * (record.data.rms / noise)[:, None, None]
+        of_freed = 0 if freed is None else len(freed.unknowns)
+        at_once, start = record.rows_at_once(of_freed + len(columns) + len(gained)), fit.predicted.start
+        moved_blocks: Iterator[PredictionBlock] = iter(())
+        if freed is not None:
+            other = record.with_model(freed)
+            # All at once if delays are among what is freed.
+            at_once = at_once if other.rows_at_once() < len(measured) else len(measured)
+            moved_blocks = other.blocks(eta, start, model, at_once, by_state=False)
+
+        def blocks() -> Iterator[tuple[Array, Array, Array]]:
+            for samples, _, _, by_parameter, by_state in record.blocks(fit.eta, start, model, at_once):
+                beside = [column[samples][..., None] for column in columns]
+                if freed is not None:
+                    beside.insert(count, next(moved_blocks).by_parameter[..., places])
+                values = measured[samples][..., None] * gained
+                yield influential[samples], by_state, np.concatenate([by_parameter, *beside, values], axis=2)
+
+        rows, _ = record.triangles_of(blocks(), ~np.isnan(influential))
+        rows = rows[..., :-1] * (record.data.rms / noise)[:, None, None]
     # The gain of a channel acts on the rows of that channel alone.
     gains = -rows[..., -channels:] if mixed else -rows[..., -1:] * np.eye(channels)[:, None, :]
     rows = np.concatenate([rows[..., : -channels if mixed else -1], gains], axis=2)

@@ -24,6 +24,7 @@ from dynid.identification.likelihood.saturated_model import (
     most_regressors,
     regressors_by_line,
     saturated_coordinates,
+    saturated_directions,
 )
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, stacked, unstacked
 from dynid.identification.records.measurement import RecordData
@@ -203,9 +204,12 @@ class FrfRecord(RecordLikelihood):
             residual = np.nan_to_num(fit.residual[:, c]) * weight
             by_parameter = np.nan_to_num(fit.by_parameter[:, c]) * weight[:, None]
             before = delayed_residuals_by_line(residual) * there[:, None]
-            none = np.zeros((len(weight), 0))
-            columns = ChannelColumns(outputs, measured, residual, none, by_parameter, none, before)
-            coordinates.append(saturated_coordinates(shared.where(there), columns, count))
+            columns = np.column_stack([outputs, by_parameter, before, measured, residual])
+            widths = by_parameter.shape[1], 0, 0, before.shape[1]
+            shared = shared.where(there)
+            ranges = saturated_directions(shared.factors[1], shared.values.shape[1])
+            channel = ChannelColumns.of(shared, columns, widths)
+            coordinates.append(saturated_coordinates(shared, ranges, channel, count))
         return coordinates
 
     def series(self, residual: Array) -> Array:

@@ -157,7 +157,7 @@ def nonlinearity(likelihood: Likelihood, fit: Fit, *, white: bool) -> Nonlineari
     freed: dict[int, Array] = {}
     regressors = []
     for (record, record_fit, joints), motion in zip(tested, motions, strict=True):
-        shared = shared_regressors(record, record_fit).values
+        shared = shared_regressors(record, record_fit).all.values
         regressors.append((shared, JointResponses(record, record_fit, joints, forces_of(motion / units))))
     coloured = not white or any(record.colour is not None for record, _, _ in tested)
     first, _ = test(free=False, coloured=coloured)
@@ -235,9 +235,10 @@ def _columns(
         squares += gram.diagonal()[n + p : -1] / rms**2
         if coloured:
             left = np.where(present, own[:, -1] - Q @ inside[:, -1], np.nan)[:, None]
-            colour = estimated(left, np.zeros((len(left), 1, 0)), ColouredNoise())
+            colour = estimated(left, [np.zeros((len(left), 0))], ColouredNoise())
             if order := colour.order:
-                of_channel, own = colour.of_channel(0, present, [of_channel, own])
+                white = colour.whitened(np.column_stack([of_channel, own])[:, None], present[:, None])[:, 0]
+                of_channel, own = white[:, : of_channel.shape[1]], white[:, of_channel.shape[1] :]
                 Q = _range(of_channel)
                 inside = Q.T @ own
                 gram, lengths = own.T @ own - inside.T @ inside, np.sum(own**2, axis=0)
@@ -275,7 +276,7 @@ def _with_free_poles(record: TimeRecord, fit: RecordFit, rows: int) -> Array:
     measured = np.nan_to_num(record.data.values[:rows]) / record.data.rms
     start, change = poles, np.zeros_like(poles)
     for _ in range(_MAX_POLE_STEPS):
-        shared = regressors_in_time(forced, poles, times, max_count)
+        shared = regressors_in_time(forced, poles, max_count).all
         coefficients, left = _regression(shared.values, measured)
         if left < before:
             converged, best, before = left > (1 - _POLE_GAIN) * before, shared.values, left

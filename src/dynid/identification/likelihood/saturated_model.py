@@ -11,10 +11,10 @@ Ramsey, J. R. Stat. Soc. B 31 (1969) 350–371). Delayed residuals take up the p
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ Labels: TypeAlias = tuple[NDArray[np.int_], NDArray[np.int_], ComplexArray, Arra
 _COLUMN_PART = 3
 # Most delayed residuals that are regressors; and the part of the values that they may be.
 _MAX_LAGS, _LAG_PART = 8, 20
+# Numbers of the largest regressors that are kept.
+_MAX_KEPT_NUMBERS = 1_000_000
 # A pole this many times faster than the sampling rate has decayed within a sample.
 _FAST_POLE_RATIO = 3.0
 # Largest growth over a record that a column may have.
@@ -122,18 +124,10 @@ class Regressors:
         return Regressors(*(np.concatenate(block, axis=-1) for block in blocks))
 
     @cached_property
-    def directions(self) -> tuple[Directions, Array]:
-        """Their directions, and all of the range of regressors and decays, these first (any x rows)."""
-        count, decays = self.values.shape[1], self.decays
-        columns = np.concatenate([self.values] if decays is None else [self.values, decays], axis=1)
-        norms = np.linalg.norm(columns, axis=0)
-        columns /= np.where(norms > 0, norms, 1.0)
-        Q, R = np.linalg.qr(columns)
-        del columns  # as large as Q
-        places, size, vectors = _directions(R[:, :count])
-        rest = np.linalg.qr(vectors.T, mode="complete")[0].T[len(places) :]
-        both = np.concatenate([vectors, rest]) @ Q.T
-        return Directions(places, size * norms[places], both[: len(places)]), both
+    def factors(self) -> tuple[Array, Array]:
+        """The factors Q (rows x r) and R (r x any) of the columns and the free decays after them."""
+        Q, R = np.linalg.qr(self.values if self.decays is None else np.hstack([self.values, self.decays]))
+        return Q, R
 
     def labels_with(self, *widths: int) -> Labels:
         """Return kinds, groups, poles, rates with so many columns of the scene, faults and delays after."""
@@ -147,6 +141,10 @@ class Regressors:
                 np.concatenate([self.rate, none]),
             )
         return self._labels[widths]
+
+    def whitened(self, values: Array) -> Regressors:
+        """Return the regressors with whitened values; there are no decays then."""
+        return replace(self, values=values, decays=None)
 
     def where(self, there: NDArray[np.bool_]) -> Regressors:
         """Return the regressors of a channel whose values are there (rows)."""
@@ -189,29 +187,63 @@ class SaturatedCoordinates:
 
 
 class ChannelColumns(NamedTuple):
-    """The saturated model of one channel (rows): `prediction`, `measured`, `residual`, derivatives.
+    """The saturated model of a channel beside that of its regressors, by products with orthonormal columns.
 
-    `by_state` (rows x n), `by_parameter` (rows x p), `faults` and delayed residuals `before` (rows x
-    any).
+    Prediction, derivatives by parameters (p) and by the first state (n), faults, delayed residuals, measured
+    values and the scene's residuals stand side by side. `inside`: products with r columns that span the
+    regressors (r x w); `outside`: a factor of what these leave (any x w); `by_state` (r x n): derivatives by
+    the first state that are in the range of the regressors and decays, which then are no columns.
     """
 
-    prediction: Array
-    measured: Array
-    residual: Array
-    by_state: Array
-    by_parameter: Array
-    faults: Array
-    before: Array
+    inside: Array
+    outside: Array
+    widths: tuple[int, int, int, int]  # p, n of columns, number of faults, of delayed residuals
+    by_state: Array | None = None
+
+    @classmethod
+    def of(cls, shared: Regressors, columns: Array, widths: tuple[int, int, int, int]) -> Self:
+        """Return the columns of a channel (rows x w) beside regressors (rows x d)."""
+        Q, _ = shared.factors
+        inside = Q.T @ columns
+        return cls(inside, columns - Q @ inside, widths)
 
 
-class ForcedRegressors(NamedTuple):
-    """Regressors of a record that do not depend on an estimate: lines and direct terms, `direct`.
+@dataclass(frozen=True, eq=False)
+class ForcedRegressors:
+    """Regressors of a record that do not depend on an estimate: lines and direct terms."""
 
-    `forces` (times x any) are those that are no sums of few sines, to which the modes respond.
-    """
+    times: Array  # sampling times (times), s
+    lines: Array  # frequencies of sines (lines), rad/s
+    terms: Array  # direct terms (times x any)
+    forces: Array  # those that are no sums of few sines, to which the modes respond (times x any)
 
-    direct: Regressors
-    forces: Array
+    @property
+    def count(self) -> int:
+        """Number of columns of lines and direct terms."""
+        sines = 2 * len(self.lines) - int(np.count_nonzero(self.lines == 0))
+        return sines + int(self.terms.shape[1])
+
+    def direct(self, samples: slice) -> Regressors:
+        """Return the columns of lines and direct terms at samples."""
+        first, last, _ = samples.indices(len(self.times))
+        if self._kept is not None:
+            return replace(self._kept, values=self._kept.values[samples])
+        return self._columns(first, last)
+
+    @cached_property
+    def _kept(self) -> Regressors | None:
+        """The columns at all samples, unless they are large."""
+        few = self.count * len(self.times) <= _MAX_KEPT_NUMBERS
+        return self._columns(0, len(self.times)) if few else None
+
+    def _columns(self, first: int, last: int) -> Regressors:
+        columns = []
+        for omega in self.lines:
+            phase = omega * self.times[first:last]
+            sine = np.column_stack([np.cos(phase), np.sin(phase)])
+            columns.append(sine if omega else np.ones((last - first, 1)))
+        columns += [self.terms[first:last, [k]] for k in range(self.terms.shape[1])]
+        return Regressors.of(RegressorKind.LINE, columns, last - first)
 
 
 def forced_regressors(
@@ -230,35 +262,79 @@ def forced_regressors(
     broad = [k for k, source in enumerate(sources) if not isinstance(source, Multisine)]
     if 2 * len(lines) > max_count // 2:  # too many to be free: as a broadband force
         lines, broad = np.empty(0), list(range(len(signals)))
-    columns = []
-    for omega in lines:
-        phase = omega * times
-        sine = np.column_stack([np.cos(phase), np.sin(phase)])
-        columns.append(sine if omega else np.ones((len(times), 1)))
-    columns += [_unit(values[:, [k]]) for values in inputs for k in broad]
+    terms = [_unit(values[:, [k]]) for values in inputs for k in broad]
     forces = _unit(inputs[0][:, broad]) if broad else np.zeros((len(times), 0))
-    return ForcedRegressors(Regressors.of(RegressorKind.LINE, columns, len(times)), forces)
+    return ForcedRegressors(times, lines, np.hstack([np.zeros((len(times), 0)), *terms]), forces)
 
 
-def regressors_in_time(
-    forced: ForcedRegressors, poles: ComplexArray, times: Array, max_count: int
-) -> Regressors:
-    """Return the regressors that the channels of a record of time share.
+def regressors_in_time(forced: ForcedRegressors, poles: ComplexArray, max_count: int) -> RegressorsInTime:
+    """Return the regressors that the channels of a record of time share, which follow block by block.
 
-    `forced`: those of the forces; `poles`: poles of the model, 1/s. `times`, `max_count`: as of
-    `forced_regressors`.
+    `forced`: those of the forces; `poles`: poles of the model, 1/s; `max_count`: as of `forced_regressors`.
     """
-    (direct, forces), (step, span) = forced, _spacing(times)
-    budget = max(0, max_count - direct.values.shape[1]) // (4 * (1 + forces.shape[1]))
-    kept = _upper_poles(poles, math.pi / step, _FAST_POLE_RATIO / step)[:budget]
-    modes, moves, pole_of_column = _modes(kept, forces, times)
-    others = poles[(poles.imag >= 0) & ~np.isin(poles, kept)]
-    decays = Regressors.of_poles(RegressorKind.SCENE, _decays(others * step, len(times)), others)
-    regressors = direct.joined(
-        Regressors.of_poles(RegressorKind.MODE, modes, pole_of_column),
-        Regressors.of_poles(RegressorKind.POLE, moves, pole_of_column, span),
-    )
-    return replace(regressors, decays=decays.values)
+    step, _ = _spacing(forced.times)
+    budget = max(0, max_count - forced.count) // (4 * (1 + forced.forces.shape[1]))
+    modes = _upper_poles(poles, math.pi / step, _FAST_POLE_RATIO / step)[:budget]
+    others = poles[(poles.imag >= 0) & ~np.isin(poles, modes)]
+    return RegressorsInTime(forced, modes, others)
+
+
+class RegressorsInTime:
+    """The regressors of a record of time, which its channels share.
+
+    `modes`, `others`: poles that are regressors, and those whose decays alone are held beside, 1/s.
+    """
+
+    def __init__(self, forced: ForcedRegressors, modes: ComplexArray, others: ComplexArray) -> None:
+        self._forced, self._modes, self._others = forced, modes, others
+        self._all: Regressors | None = None
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return len(self._forced.times)
+
+    @property
+    def all(self) -> Regressors:
+        """Those of all samples, kept unless they are large."""
+        if self._all is not None:
+            return self._all
+        regressors = next(self.blocks(self.samples))
+        if regressors.values.size <= _MAX_KEPT_NUMBERS:
+            self._all = regressors
+        return regressors
+
+    def blocks(self, rows: int) -> Iterator[Regressors]:
+        """Yield those of so many samples after the other."""
+        total, (step, span), forces = self.samples, _spacing(self._forced.times), self._forced.forces
+        if rows >= total and self._all is not None:
+            yield self._all
+            return
+        since = np.arange(total) / max(total - 1, 1)
+        responses = [_Forced(pole, step, span, forces) for pole in self._modes]
+        for first in range(0, total, rows):
+            samples = slice(first, min(first + rows, total))
+            decays = _decays(self._modes * step, samples, total)
+            modes: list[ComplexArray] = []
+            moves: list[ComplexArray] = []
+            pole_of_column: list[complex] = []
+            for pole, decay, response in zip(self._modes, decays.T, responses, strict=True):
+                values, by_pole = response.at(samples)
+                modes += [*values, decay]
+                moves += [*by_pole, since[samples] * decay]
+                pole_of_column += [pole] * (len(values) + 1)
+            poles, shape = np.array(pole_of_column, dtype=complex), (len(pole_of_column), len(decays))
+            mode_columns, moved_columns = (
+                np.asarray(columns, dtype=complex).reshape(shape).T for columns in (modes, moves)
+            )
+            beside = Regressors.of_poles(
+                RegressorKind.SCENE, _decays(self._others * step, samples, total), self._others
+            )
+            regressors = self._forced.direct(samples).joined(
+                Regressors.of_poles(RegressorKind.MODE, mode_columns, poles),
+                Regressors.of_poles(RegressorKind.POLE, moved_columns, poles, span),
+            )
+            yield replace(regressors, decays=beside.values)
 
 
 def _unit(values: Array) -> Array:
@@ -281,59 +357,53 @@ def _upper_poles(poles: ComplexArray, fastest: float, shortest: float) -> Comple
     return np.asarray(upper[np.argsort(np.abs(upper), kind="stable")])
 
 
-def _modes(
-    poles: ComplexArray, forces: Array, times: Array
-) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-    """Return forced responses and free decays of poles, their derivatives by the pole, and the pole of each.
-
-    The columns (times x groups) stand pole by pole, the free decay of a pole last.
-    """
-    step, _ = _spacing(times)
-    decays = _decays(poles * step, len(times))
-    since = (np.arange(len(times)) / max(len(times) - 1, 1))[:, None]
-    if not forces.shape[1]:
-        return decays, since * decays, poles
-    modes, moves, pole_of_column = [], [], []
-    for pole, decay in zip(poles, decays.T, strict=True):
-        forced, by_pole = _forced(pole, forces, times)
-        modes += [*forced, decay]
-        moves += [*by_pole, since[:, 0] * decay]
-        pole_of_column += [pole] * (len(forced) + 1)
-    shape = (len(times), len(pole_of_column))
-    free, moved = (np.asarray(columns, dtype=complex).reshape(shape[::-1]).T for columns in (modes, moves))
-    return free, moved, np.asarray(pole_of_column, dtype=complex)
-
-
-def _decays(exponents: ComplexArray, rows: int) -> ComplexArray:
-    """Return exp(k exponents), k = 0, 1, … (rows x exponents); growing ones are scaled to their end."""
+def _decays(exponents: ComplexArray, samples: slice, total: int) -> ComplexArray:
+    """Return exp(k exponents), k = 0, 1, … of some samples of all; growing ones are scaled to their end."""
     # Only the direction of a column matters. Blocks of rows are products of two exponentials, none above 1.
+    rows = samples.stop - samples.start
     height = math.isqrt(rows) + 1
     blocks = -(-rows // height)
     growing = exponents.real > 0
     inside, first = np.arange(height)[:, None], height * np.arange(blocks)[:, None]
     inner = np.exp(exponents * np.where(growing, inside - (height - 1), inside))
-    outer = np.exp(exponents * np.where(growing, first - height * (blocks - 1), first))
+    to_end = first - height * (blocks - 1) + (samples.stop - total)
+    outer = np.exp(exponents * np.where(growing, to_end, first + samples.start))
     decays = (outer[:, None] * inner).reshape(height * blocks, len(exponents))
-    return decays[:rows] if not growing.any() else np.where(growing, decays[-rows:], decays[:rows])
+    ahead = decays[:rows]
+    return np.asarray(np.where(growing, decays[-rows:], ahead) if growing.any() else ahead)
 
 
-def _forced(pole: complex, forces: Array, times: Array) -> tuple[list[ComplexArray], list[ComplexArray]]:
-    """Return the responses of x' = pole x + f to the forces from rest, and the derivatives by the pole."""
-    (step, span), n = _spacing(times), forces.shape[1]
-    if not n or pole.real * span > _MAX_COLUMN_GROWTH:
-        return [], []
-    grown = np.exp(pole * step)
-    a, b = grown.real, grown.imag
-    turn = np.array([[a, -b], [b, a]])
-    phi = np.block([[turn, np.zeros((2, 2))], [np.eye(2), turn]])
-    pushed = step / 2 * (grown * forces[:-1] + forces[1:])
-    forcing = np.stack([pushed.real, pushed.imag, np.zeros(pushed.shape), np.zeros(pushed.shape)], axis=2)
-    states = np.zeros((len(times), n, 4))
-    states[1:] = recurrence(phi, np.ascontiguousarray(forcing), np.zeros((n, 4)))
-    return (
-        [states[:, k, 0] + 1j * states[:, k, 1] for k in range(n)],
-        [states[:, k, 2] + 1j * states[:, k, 3] for k in range(n)],
-    )
+class _Forced:
+    """Responses of x' = pole x + f to forces from rest, and derivatives by the pole, block by block."""
+
+    def __init__(self, pole: complex, step: float, span: float, forces: Array) -> None:
+        self._step, self._forces, n = step, forces, forces.shape[1]
+        self._none = not n or pole.real * span > _MAX_COLUMN_GROWTH
+        if self._none:
+            return
+        self._grown = np.exp(pole * step)
+        a, b = self._grown.real, self._grown.imag
+        turn = np.array([[a, -b], [b, a]])
+        self._phi = np.block([[turn, np.zeros((2, 2))], [np.eye(2), turn]])
+        self._state = np.zeros((n, 4))
+
+    def at(self, samples: slice) -> tuple[list[ComplexArray], list[ComplexArray]]:
+        """Return responses and derivatives at the next samples."""
+        if self._none:
+            return [], []
+        first, n = max(samples.start - 1, 0), len(self._state)
+        forces = self._forces[first : samples.stop]
+        pushed = self._step / 2 * (self._grown * forces[:-1] + forces[1:])
+        forcing = np.stack([pushed.real, pushed.imag, np.zeros(pushed.shape), np.zeros(pushed.shape)], axis=2)
+        states = np.empty((len(forces), n, 4))
+        states[0] = self._state
+        states[1:] = recurrence(self._phi, np.ascontiguousarray(forcing), self._state)
+        self._state = states[-1].copy()
+        states = states[samples.start - first :]
+        return (
+            [states[:, k, 0] + 1j * states[:, k, 1] for k in range(n)],
+            [states[:, k, 2] + 1j * states[:, k, 3] for k in range(n)],
+        )
 
 
 def most_regressors(rows: int) -> int:
@@ -341,15 +411,24 @@ def most_regressors(rows: int) -> int:
     return min(SATURATED.value, rows // _COLUMN_PART)
 
 
-def fault_columns(prediction: Array) -> Array:
-    """Return regressors of faults (times x 4): a trend, and harmonics of a prediction."""
-    rows, squares = len(prediction), prediction**2
-    return np.stack([np.ones(rows), np.linspace(-1, 1, rows), squares, squares * prediction]).T
+def fault_columns(prediction: Array, rows: slice = slice(None), total: int | None = None) -> Array:
+    """Return regressors of faults (times x 4 x …): a trend, and harmonics of a prediction (times x …).
+
+    `rows`: those of a total of times that the prediction is of; default: all.
+    """
+    squares, trend = prediction**2, np.linspace(-1, 1, total or len(prediction))[rows]
+    straight = np.broadcast_to(trend.reshape(-1, *(1 for _ in prediction.shape[1:])), prediction.shape)
+    return np.stack([np.ones(prediction.shape), straight, squares, squares * prediction], axis=1)
+
+
+def most_delayed(rows: int) -> int:
+    """Return how many delayed residuals are regressors of a channel of so many values."""
+    return min(_MAX_LAGS, rows // _LAG_PART)
 
 
 def delayed_residuals(residual: Array) -> Array:
-    """Return the delayed residuals (times x any) of a channel (times), 0 where a value is missing."""
-    lags = min(_MAX_LAGS, len(residual) // _LAG_PART)
+    """Return the delayed residuals (rows x any) of a channel (rows), 0 before the first one."""
+    lags = most_delayed(len(residual))
     delayed = np.zeros((lags, len(residual)))
     for lag in range(1, lags + 1):
         delayed[lag - 1, lag:] = residual[:-lag]
@@ -389,47 +468,58 @@ def delayed_residuals_by_line(residual: Array) -> Array:
     return np.column_stack([np.zeros((len(residual), 0)), *turned])
 
 
+def saturated_directions(R: Array, count: int) -> tuple[Directions, Array]:
+    """Return the directions of regressors, and all of the range of regressors and decays, these first.
+
+    `R`: the triangular factor of `count` regressors and of decays after them (r x any).
+    """
+    norms = np.linalg.norm(R[:, :count], axis=0)
+    places, size, vectors = _directions(R[:, :count] / np.where(norms > 0, norms, 1.0))
+    rest = np.linalg.qr(vectors.T, mode="complete")[0].T[len(places) :]
+    return Directions(places, size * norms[places], vectors), np.concatenate([vectors, rest])
+
+
 def saturated_coordinates(
-    shared: Regressors, channel: ChannelColumns, count: float, *, state_in_range: bool = False
+    shared: Regressors, ranges: tuple[Directions, Array], channel: ChannelColumns, count: float
 ) -> SaturatedCoordinates:
     """Return a channel in orthonormal directions of its saturated model, in the order of its regressors.
 
-    `shared`: the regressors besides the scene's own (rows x d), 0 where a value is missing; `channel`: the
-    columns of the channel itself, alike. `count`: how many independent values it has. `state_in_range`: True:
-    `by_state` has the products with all directions of regressors and decays, in which it is.
+    `shared`: the regressors besides the scene's own; `ranges`: their `saturated_directions`; `channel`: the
+    columns of the channel itself. `count`: how many independent values it has.
     """
-    by_state = () if state_in_range else (channel.by_state.T,)
-    sides = (channel.by_parameter.T, *by_state, channel.faults.T, channel.before.T)
-    compared = channel.measured[None], channel.residual[None]
-    columns = np.concatenate([channel.prediction[None], *sides, *compared])
-    largest = np.abs(columns).max(axis=1, initial=0.0)
-    columns /= np.where(largest > 0, largest, 1.0)[:, None]
-    norms = np.linalg.norm(columns, axis=1)
-    columns /= np.where(norms > 0, norms, 1.0)[:, None]
-    p, n, max_rank = channel.by_parameter.shape[1], channel.by_state.shape[1], int(count) - 1
-    directions, both = shared.directions
+    p, of_columns, faults, delayed = channel.widths
+    rows, columns = len(channel.inside), np.concatenate([channel.inside, channel.outside])
+    largest = np.abs(columns).max(axis=0, initial=0.0)
+    columns = columns / np.where(largest > 0, largest, 1.0)
+    norms = np.linalg.norm(columns, axis=0)
+    columns /= np.where(norms > 0, norms, 1.0)
+    norms *= largest
+    energy, left = np.square(norms[-2:]).tolist()
+    max_rank = int(count) - 1
+    directions, both = ranges
     places, size, basis = directions.first(max_rank)
     dropped = slice(len(basis), len(directions.places))  # more than there are values
+    all_of_range = both
     both = np.delete(both, dropped, axis=0) if len(basis) < len(directions.places) else both
-    inside = columns @ both.T
+    inside = (both @ columns[:rows]).T
     # Derivatives by the state are in the range of those directions, but for rounding.
-    columns -= inside @ both
-    new = np.flatnonzero(np.linalg.norm(columns, axis=1) > _RANGE_ROUND_OFF)
-    further = np.linalg.qr(columns[new].T, mode="r")
-    norms *= largest
-    if state_in_range:
-        state = np.delete(channel.by_state, dropped, axis=0).T
+    outside = np.concatenate([all_of_range[dropped] @ columns[:rows], columns[rows:]])
+    new = np.flatnonzero(np.linalg.norm(outside, axis=0) > _RANGE_ROUND_OFF)
+    further = np.linalg.qr(outside[:, new], mode="r")
+    n = of_columns
+    if channel.by_state is not None:
+        n, state = channel.by_state.shape[1], (both @ channel.by_state).T
         sizes = np.linalg.norm(state, axis=1)
         inside = np.insert(inside, 1 + p, state / np.where(sizes > 0, sizes, 1.0)[:, None], axis=0)
         norms, new = np.insert(norms, 1 + p, sizes), new + np.where(new > p, n, 0)
     decays = len(both) - len(places)
     beside = np.zeros((decays + len(further), len(inside)))
     beside[:decays], beside[decays:, new] = inside[:, len(places) :].T, further
-    own = _directions(beside[:, : -len(compared)]).first(max_rank - len(places))
+    own = _directions(beside[:, :-2]).first(max_rank - len(places))
     R = np.concatenate([inside[:, : len(places)].T, own.vectors @ beside]) * norms
-    labels = shared.labels_with(1 + p + n, channel.faults.shape[1], channel.before.shape[1])
+    labels = shared.labels_with(1 + p + n, faults, delayed)
     kind, group, pole, rate = (
-        label[np.concatenate([places, shared.values.shape[1] + own.places])] for label in labels
+        label[np.concatenate([places, len(shared.kind) + own.places])] for label in labels
     )
     return SaturatedCoordinates(
         kind=kind,
@@ -442,8 +532,8 @@ def saturated_coordinates(
         by_state=R[:, 1 + p : 1 + p + n].copy(),  # without the columns between
         by_parameter=R[:, 1 : 1 + p].copy(),
         count=count,
-        energy=float(np.sum(channel.measured**2)),
-        left=float(np.sum(channel.residual**2)),
+        energy=energy,
+        left=left,
     )
 
 

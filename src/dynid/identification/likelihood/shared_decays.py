@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array
+from dynid.identification.least_squares import triangular_factors
 from dynid.identification.systems import kernels
 from dynid.identification.systems.free_decays import FreeDecays
 from dynid.identification.systems.parametric_model import ParametricModel
@@ -24,6 +25,7 @@ from dynid.identification.systems.prediction import (
     Trajectory,
     sensitive_runs,
 )
+from dynid.native import compiled
 from dynid.progress import report_progress
 
 # Most blocks whose decays are factorised before they are merged.
@@ -86,7 +88,7 @@ def first_state_rows(
     of the decays.
     """
     Q, R = decays.factors
-    at_rest = kernels.at_rest(model, at, model.output(at.eta)[0], model.direct(at.eta).value)
+    at_rest = kernels.outputs_from(model, at, model.output(at.eta)[0], model.direct(at.eta).value)
     left = values - at_rest - decays.columns @ (decays.weights @ model.initial).T
     return left, np.concatenate([R @ decays.weights, (Q.T @ left).T[..., None]], axis=2)
 
@@ -117,41 +119,102 @@ def shared_triangles(decays: FreeDecays, blocks: Iterable[tuple[NDArray[np.int64
     They are block triangular, with the products of these columns. `blocks`: samples (k), and the columns of
     all channels at these (k x w x channels).
     """
-    parts: list[tuple[Array, Array]] = []  # R of blocks of decays, and what their ranges have
-    rest = np.zeros((0, 0))
-    w = channels = 0
-
-    def absorb(*rows: Array) -> Array:
-        """Return triangles (w x w channels) of the columns' rows outside of the ranges and those before."""
-        stacked = np.concatenate([*rows, rest] if len(rest) else rows).reshape(-1, w, channels).swapaxes(1, 2)
-        none = np.zeros((*stacked.shape[:2], 0)), np.zeros(stacked.shape[:2]), np.ones(channels)
-        triangles, _ = kernels.triangles(none[0], stacked, *none[1:])
-        return triangles[:, :w, :w].transpose(1, 2, 0).reshape(w, -1)
-
-    def merged() -> Array:
-        """Join the parts, and return what their range leaves."""
-        R, inside, left = _projected(*map(np.concatenate, zip(*parts, strict=True)))
-        parts[:] = [(R, inside)]
-        return left
-
+    shared, n, w, channels = SharedTriangles(), decays.columns.shape[1], 0, 0
     for samples, columns in blocks:
+        Q, R = np.linalg.qr(decays.columns[samples])
+        shared.absorb((Q, R), columns)
         _, w, channels = columns.shape
-        R, inside, left = _projected(decays.columns[samples], columns.reshape(len(samples), -1))
-        parts.append((R, inside))
-        rest = absorb(left, merged()) if len(parts) > _MAX_PARTS else absorb(left)
-    if len(parts) > 1:
-        rest = absorb(merged())
-    R, inside = parts[0]
-    n = decays.columns.shape[1]
+    shared.triangular()
+    R, inside, _, outside = shared.ended((w, channels))
     factors = np.zeros((channels, n + w, n + w))
     factors[:, : len(R), :n] = R @ decays.weights
-    factors[:, : len(R), n:] = inside.reshape(-1, w, channels).transpose(2, 0, 1)
-    factors[:, n:, n:] = rest.reshape(w, w, channels).transpose(2, 0, 1)
+    factors[:, : len(R), n:] = inside.transpose(2, 0, 1)
+    factors[:, n:, n:] = outside.transpose(2, 0, 1)
     return factors
 
 
-def _projected(columns: Array, right: Array) -> tuple[Array, Array, Array]:
-    """Return R of columns = Q R, Q^T right, and what the range of the columns leaves of the right side."""
-    Q, R = np.linalg.qr(columns)
-    inside = Q.T @ right
-    return R, inside, right - Q @ inside
+class SharedTriangles:
+    """Factors of columns of channels beside columns that all share, of blocks of samples in turn."""
+
+    def __init__(self) -> None:
+        # R of blocks of the shared columns, and what their ranges have of others.
+        self._parts: list[tuple[Array, Array]] = []
+        # What is outside of the ranges: of the first block as it is (k x w x channels), of all in triangles.
+        self._first: Array | None = None
+        self._triangles = _Triangles()
+
+    def absorb(self, shared: tuple[Array, Array], columns: Array, beside: Array | None = None) -> None:
+        """Add the next samples (k): factors Q, R of shared columns, and columns (k x w x channels).
+
+        `beside`: columns in the range of the shared ones (k x any).
+        """
+        (Q, R), flat = shared, columns.reshape(len(columns), -1)
+        inside = Q.T @ flat
+        left = Q @ inside
+        np.subtract(flat, left, out=left)
+        if beside is not None:
+            inside = np.concatenate([inside, Q.T @ beside], axis=1)
+        self._parts.append((R, inside))
+        if self._first is None and len(self._parts) == 1:
+            self._first = left.reshape(columns.shape)
+            return
+        self._begin_triangles()
+        self._triangles.add(left.reshape(columns.shape))
+        if len(self._parts) > _MAX_PARTS:
+            self._merge(columns.shape)
+
+    def ended(self, shape: tuple[int, int]) -> tuple[Array, Array, Array, Array]:
+        """Return R of the shared columns, and what their range has of columns (r x w x channels) and beside.
+
+        `shape`: w and channels. The last are what is outside of it (any x w x channels): of several blocks
+        triangles.
+        """
+        if len(self._parts) > 1:
+            self._merge((0, *shape))
+        (R, inside), width = self._parts[0], shape[0] * shape[1]
+        outside = self._triangles.rows if self._first is None else self._first
+        return R, inside[:, :width].reshape(-1, *shape), inside[:, width:], outside
+
+    def triangular(self) -> None:
+        """Let what is outside be triangles."""
+        self._begin_triangles()
+
+    def _begin_triangles(self) -> None:
+        if self._first is not None:
+            self._triangles.add(self._first)
+            self._first = None
+
+    def _merge(self, shape: tuple[int, ...]) -> None:
+        """Join the parts, and add what their range leaves."""
+        Q, R = np.linalg.qr(np.concatenate([R for R, _ in self._parts]))
+        right = np.concatenate([inside for _, inside in self._parts])
+        inside = Q.T @ right
+        self._parts, width = [(R, inside)], shape[1] * shape[2]
+        left = right[:, :width] - Q @ inside[:, :width]
+        self._triangles.add(left.reshape(-1, *shape[1:]))
+
+
+class _Triangles:
+    """Triangles of rows of all channels (rows x w x channels)."""
+
+    def __init__(self) -> None:
+        self._compiled = kernels.Triangles() if compiled() else None
+        self._rows = np.zeros((0, 0, 0))
+
+    def add(self, rows: Array) -> None:
+        """Reflect rows into the triangles."""
+        columns = rows.swapaxes(1, 2)
+        if self._compiled is not None:
+            none = np.zeros(columns.shape[:2])
+            self._compiled.absorb(none[..., None][..., :0], columns, none)
+            return
+        before = [self._rows.swapaxes(1, 2)] if len(self._rows) else []
+        self._rows = triangular_factors(np.concatenate([*before, columns])).transpose(1, 2, 0)
+
+    @property
+    def rows(self) -> Array:
+        """The triangles (w x w x channels)."""
+        if self._compiled is None:
+            return self._rows
+        channels = len(self._compiled.counts)
+        return self._compiled.over(np.ones(channels))[:, :-1, :-1].transpose(1, 2, 0)

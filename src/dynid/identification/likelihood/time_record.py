@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
@@ -21,7 +21,7 @@ from dynid.identification.likelihood.saturated_record import coordinates
 from dynid.identification.likelihood.shared_decays import first_state_rows, fit_from, sensitive
 from dynid.identification.likelihood.state_deviations import initial_root
 from dynid.identification.records.measurement import Experiment, RecordData, Simulation
-from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
+from dynid.identification.records.noise import Autoregression, ColouredNoise, Whitening, estimated
 from dynid.identification.residual_tests import spectrum
 from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems import kernels
@@ -39,10 +39,13 @@ from dynid.identification.systems.prediction import (
     ALL_CHANNELS,
     Free,
     Prediction,
+    PredictionBlock,
     Trajectory,
+    free_blocks,
     free_prediction,
     kernels_used,
     prediction,
+    prediction_blocks,
 )
 from dynid.lti.signals import Sampled
 from dynid.native import compiled
@@ -55,6 +58,8 @@ _PRIOR_WIDTH = 10.0
 _MAX_KEPT_NUMBERS = 1_000_000
 # Most numbers of sensitivities that are held at once, of a block of channels or of steps: 32 MB.
 _MAX_BLOCK_NUMBERS = 4_000_000
+# Copies of a block of samples that whitening makes, and what the samples of a block are a multiple of.
+_BLOCK_COPIES, _ROWS_MULTIPLE = 4, 256
 # Those of large models that share decays, whose sensitivities are dear: 64 MB.
 _MAX_SHARED_NUMBERS = 8_000_000
 # Fewest evaluations that a search may take: those that rank one round of starts.
@@ -302,6 +307,8 @@ class TimeRecord(RecordLikelihood):
             trajectory = Trajectory(fitted.outputs, fitted.states, x0)
             if fitted.by_state is not None and fitted.by_parameter is not None:
                 predicted = Prediction(*trajectory[:2], fitted.by_parameter, fitted.by_state)
+        elif self.rows_at_once() < len(values):
+            trajectory, residual, triangles, counts = self._fit_in_blocks(eta, values, noise)
         else:
             free, steps = free_prediction(model, eta)
             x0 = self._start(self._rows(free, values)[0], noise)
@@ -315,6 +322,45 @@ class TimeRecord(RecordLikelihood):
         size = np.sqrt(np.einsum("cr,cr->c", triangles[..., -1], triangles[..., -1]) / counts) * self.data.rms
         level = self.noise_in(counts, size)
         return RecordFit(eta, trajectory, residual, counts, size, level, triangles, measured=values)
+
+    def _fit_in_blocks(
+        self, eta: Array, values: Array, noise: Array | None
+    ) -> tuple[Trajectory, Array, Array, NDArray[np.int_]]:
+        """Return trajectory, residuals, triangles and counts of a fit, in blocks of samples."""
+        at = kernels.steps_at(self.model, eta)
+        x0 = self._start(self._start_rows(at, values)[0], noise)
+        outputs, states = np.empty(values.shape), np.empty((len(values), self.model.states))
+
+        def blocks() -> Iterator[tuple[Array, Array, Array]]:
+            predicted = prediction_blocks(self.model, at, x0, self.rows_at_once())
+            for samples, *parts, by_parameter, by_state in predicted:
+                outputs[samples], states[samples] = parts
+                yield values[samples] - outputs[samples], by_state, by_parameter
+
+        triangles, counts = self.triangles_of(blocks(), ~np.isnan(values))
+        return Trajectory(outputs, states, x0), values - outputs, triangles, counts
+
+    def _start_rows(self, at: kernels.Linear, values: Array) -> tuple[Array, NDArray[np.int_]]:
+        """Return what `_rows` does, in blocks of samples."""
+        blocks = free_blocks(self.model, at, self.rows_at_once())
+        rows = (
+            (values[samples] - (forced + by_state @ self.model.initial), by_state, by_state[..., :0])
+            for samples, forced, by_state in blocks
+        )
+        return self.triangles_of(rows, ~np.isnan(values))
+
+    def rows_at_once(self, beside: int = 0) -> int:
+        """Return the number of samples whose sensitivities, and so many numbers beside, are held at once.
+
+        All where they are few, or are not predicted in blocks.
+        """
+        samples, channels = map(int, self.data.values.shape)
+        few = samples * channels * self.nuisances <= _MAX_KEPT_NUMBERS
+        if few or not (self._predicted_in_blocks and self.superposes):
+            return samples
+        numbers = channels * (self.nuisances + self.model.parameters + beside)
+        rows = _MAX_BLOCK_NUMBERS // (_BLOCK_COPIES * numbers) // _ROWS_MULTIPLE * _ROWS_MULTIPLE
+        return min(samples, max(_ROWS_MULTIPLE, rows))
 
     def decays(self, eta: Array) -> FreeDecays | None:
         """Return the decays that all channels share; None where there are missing values, or few of all."""
@@ -335,8 +381,13 @@ class TimeRecord(RecordLikelihood):
     @property
     def _fitted_in_blocks(self) -> bool:
         """True if the compiled fit does all: of white noise, at times that do not move."""
+        return self.colour is None and self._predicted_in_blocks
+
+    @property
+    def _predicted_in_blocks(self) -> bool:
+        """True if predictions are compiled, at times that do not move."""
         moving = self.model.sampling is not None or self.model.instruments.unknown_delays  # or clocks
-        return self.colour is None and not moving and kernels_used(self.model)
+        return not moving and kernels_used(self.model)
 
     def _first_state(self, noise: Array | None) -> kernels.FirstState:
         """Return how the first state is fitted, channels weighted by `noise` (channels) or their RMS."""
@@ -356,7 +407,7 @@ class TimeRecord(RecordLikelihood):
         """
         channels = len(self.data.rms)
         size = channels
-        if self._fitted_in_blocks and self.superposes:
+        if self._predicted_in_blocks and self.superposes:
             columns = self.model.parameters + beside + (0 if shared else self.nuisances)
             limit = _MAX_SHARED_NUMBERS if shared else _MAX_BLOCK_NUMBERS
             size = max(1, limit // (len(self.data.values) * columns))
@@ -437,14 +488,23 @@ class TimeRecord(RecordLikelihood):
         requested = self.requested_noise
         if requested is None:
             return self
-        self.check_whole()
-        predicted = self.predicted(fit)
+        if not self._predicted_in_blocks:
+            self.check_whole()
         root = initial_root(
             self, fit, np.maximum(fit.noise, np.finfo(float).eps * self.data.rms), root_of_parameters
         )
-        errors = np.concatenate([predicted.by_state, predicted.by_parameter], axis=2) @ root
         orders = self.colour.orders if settling and self.colour is not None else None
-        return replace(self, colour=estimated(fit.residual, errors, requested, orders))
+
+        def errors_by_channel() -> Iterator[Array]:
+            for _, predicted in self.channelwise(fit):
+                yield np.concatenate([predicted.by_state, predicted.by_parameter], axis=2)[:, 0] @ root
+
+        def errors_by_samples() -> Iterator[Array]:
+            for block in self.blocks(fit.eta, fit.predicted.start, self.model, self.rows_at_once()):
+                yield np.concatenate([block.by_state, block.by_parameter], axis=2) @ root
+
+        colour = estimated(fit.residual, errors_by_channel(), requested, orders, errors_by_samples)
+        return replace(self, colour=colour)
 
     def with_noise_of(self, record: Any) -> Self:
         """Return the likelihood with samples and autoregression of another one of the same record."""
@@ -475,7 +535,10 @@ class TimeRecord(RecordLikelihood):
             size: Array = self._sizes(eta[None])[0]
             return root_mean_square(self.residual(eta)) if np.isnan(size).any() else size
         self.system_model.evaluations += 1
-        rows, counts = self._rows(free_prediction(self.model, eta)[0], self.data.values)
+        if self.rows_at_once() < len(self.data.values):
+            rows, counts = self._start_rows(kernels.steps_at(self.model, eta), self.data.values)
+        else:
+            rows, counts = self._rows(free_prediction(self.model, eta)[0], self.data.values)
         left = rows[..., -1] - rows[..., :-1] @ (self._start(rows, None) - self.model.initial)
         return np.asarray(np.sqrt(np.einsum("cr,cr->c", left, left) / counts) * self.data.rms)
 
@@ -533,6 +596,11 @@ class TimeRecord(RecordLikelihood):
         if self._fitted_in_blocks:
             first = self._first_state(None)
             return kernels.fitted(self.model, eta, self.data.values, first, factors=False).residual
+        if self.rows_at_once() < len(self.data.values):
+            at = kernels.steps_at(self.model, eta)
+            x0 = self._start(self._start_rows(at, self.data.values)[0], None)
+            C, direct = self.model.output(eta)[0], self.model.direct(eta).value
+            return np.asarray(self.data.values - kernels.outputs_from(self.model, at, C, direct, x0))
         free, _ = free_prediction(self.model, eta)
         x0 = self._start(self._rows(free, self.data.values)[0], None)
         return np.asarray(self.data.values - free.forced - free.by_state @ x0)
@@ -606,6 +674,19 @@ class TimeRecord(RecordLikelihood):
                     channel = channel._replace(by_state=decays.by_state(c)[:, None])
                 yield c, channel
 
+    def blocks(
+        self, eta: Array, start: Array, model: ParametricModel, rows: int, *, by_state: bool = True
+    ) -> Iterator[PredictionBlock]:
+        """Yield what `prediction_from` returns, so many samples (`rows_at_once`) after the other."""
+        samples = len(self.data.values)
+        if rows < samples:
+            at, scaled = kernels.steps_at(self.model, eta), start * (model.scale / self.model.scale)
+            yield from prediction_blocks(self.model, at, scaled, rows, by_state=by_state)
+            return
+        whole = self._last.get(eta.tobytes() + start.tobytes())
+        whole = whole or self.prediction_from(eta, start, model, by_state=by_state)
+        yield PredictionBlock(slice(0, samples), *whole)
+
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
         return coordinates(self, fit)
@@ -627,19 +708,43 @@ class TimeRecord(RecordLikelihood):
 
         `channels`: those that the columns are of; where the noise is coloured, all.
         """
-        if self.colour is not None:
-            both = np.concatenate([by_state, by_parameter, np.nan_to_num(residual)[..., None]], axis=2)
-            present, n = ~np.isnan(residual), by_state.shape[2]
-            white = self.colour.whitened(both, present)
-            by_state, by_parameter = white[..., :n], white[..., n:-1]
-            residual = np.where(present, white[..., -1], np.nan)
-        if kernels_used(self.model):
-            return kernels.triangles(by_state, by_parameter, residual, self.data.rms[channels])
-        rows = np.concatenate([by_state, by_parameter, residual[..., None]], axis=2)
-        rows /= self.data.rms[channels, None]
-        missing = np.isnan(residual)
-        rows[missing] = 0.0
-        return triangular_factors(rows), np.count_nonzero(~missing, axis=0)
+        return self.triangles_of([(residual, by_state, by_parameter)], ~np.isnan(residual), channels)
+
+    def triangles_of(
+        self,
+        blocks: Iterable[tuple[Array, Array, Array]],
+        present: NDArray[np.bool_],
+        channels: slice = ALL_CHANNELS,
+    ) -> tuple[Array, NDArray[np.int_]]:
+        """Return what `triangles` does, of blocks of samples one after the other.
+
+        `blocks`: residuals, and derivatives by state and parameters; `present`: mask of all residuals.
+        """
+        rms = self.data.rms[channels]
+        white = None if self.colour is None else Whitening(self.colour, present)
+        columns = (_whitened(white, *block) for block in blocks)
+        if not kernels_used(self.model):  # all at once
+            by_state, by_parameter, residual = next(columns)
+            rows = np.concatenate([by_state, by_parameter, residual[..., None]], axis=2)
+            rows /= rms[:, None]
+            rows[np.isnan(residual)] = 0.0
+            return triangular_factors(rows), np.count_nonzero(present, axis=0)
+        factors = kernels.Triangles()
+        for block in columns:
+            factors.absorb(*block)
+        return factors.over(rms), factors.counts
+
+
+def _whitened(
+    white: Whitening | None, residual: Array, by_state: Array, by_parameter: Array
+) -> tuple[Array, Array, Array]:
+    """Return derivatives and residuals of a block of samples, whitened if the noise is coloured."""
+    if white is None:
+        return by_state, by_parameter, residual
+    n = by_state.shape[2]
+    both = np.concatenate([by_state, by_parameter, np.nan_to_num(residual)[..., None]], axis=2)
+    both = white.following(both)
+    return both[..., :n], both[..., n:-1], np.where(np.isnan(residual), np.nan, both[..., -1])
 
 
 @dataclass(frozen=True, eq=False)

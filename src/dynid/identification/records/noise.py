@@ -11,7 +11,8 @@ makes the Gaussian likelihood exact. P. J. Brockwell, R. A. Davis, Time Series: 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -27,6 +28,8 @@ Mask = NDArray[np.bool_]
 
 #: The highest order that is tried, and that may be given.
 HIGHEST_ORDER, MOST_COEFFICIENTS = 20, 200
+# Most numbers of rows that are whitened at once, with copies: 2 MB.
+_MAX_BLOCK_NUMBERS = 250_000
 
 
 class ColouredNoise(NamedTuple):
@@ -124,57 +127,31 @@ class Autoregression:
         `rows`: finite where values are present; `present`: mask of the values (times x channels); the others
         are no values, and their rows become 0.
         """
-        rows = np.where(present[..., None], rows, 0.0)
-        out = rows.copy()
-        for k, a in enumerate(self.coefficients.T, 1):
-            out[k:] -= a[:, None] * rows[:-k]
-        if self.mixing is not None:
-            out = np.asarray(np.linalg.solve(self.mixing, out), dtype=float)
-        for channels in self._groups:
-            inside = np.ix_(range(len(rows)), channels)
-            out[inside] = self._beside_gaps(rows[inside], out[inside], present[:, channels], channels)
-        out[~present] = 0.0
+        white, out = Whitening(self, present), np.empty(rows.shape)
+        count = max(self.order, _MAX_BLOCK_NUMBERS // max(1, math.prod(rows.shape[1:])))
+        for first in range(0, len(rows), count):
+            out[first : first + count] = white.following(rows[first : first + count])
         return out
 
-    def of_channel(self, channel: int, present: Mask, parts: Sequence[Array]) -> list[Array]:
-        """Return columns of a channel (times, times x any) whitened by its own autoregression."""
-        colour = Autoregression(self.coefficients[[channel]], self.orders[[channel]])
-        flat = [block.reshape(len(block), -1) for block in parts]
-        white = colour.whitened(np.concatenate(flat, axis=1)[:, None], present[:, None])[:, 0]
-        cut = np.split(white, np.cumsum([block.shape[1] for block in flat])[:-1], axis=1)
-        return [columns.reshape(block.shape) for columns, block in zip(cut, parts, strict=True)]
+    def of_channel(self, channel: int) -> Autoregression:
+        """Return the autoregression of a channel alone."""
+        return Autoregression(self.coefficients[[channel]], self.orders[[channel]])
 
     def log_determinant(self, present: Mask) -> float:
         """Return half the logarithm of the determinant of the covariance of values in units of d."""
         total = 0.0
-        for channels in self._groups:
-            for block, _ in self._blocks(present[:, channels], channels):
+        for channels in self.groups:
+            for block, _ in self.runs(present[:, channels], channels):
                 total -= sum(np.log(update.scale) for updates in block for update in updates)
         return float(total)
 
-    @property
-    def _groups(self) -> list[list[int]]:
+    @cached_property
+    def groups(self) -> list[list[int]]:
         """Channels that are correlated with each other."""
         channels = list(range(len(self.coefficients)))
         return [[c] for c in channels] if self.mixing is None else [channels]
 
-    def _beside_gaps(self, rows: Array, out: Array, present: Mask, channels: list[int]) -> Array:
-        """Return whitened rows, those replaced that do not have `order` complete rows before them."""
-        a, g = self.coefficients[channels].T[..., None], len(channels)  # order x channels x 1
-        order = max(len(a), 1)
-        for block, first in self._blocks(present, channels):
-            rows_before = rows[first - order : first][::-1] if first else np.zeros((order, *rows.shape[1:]))
-            state = rows_before.reshape(order * g, -1)  # the newest row first
-            for t, updates in enumerate(block, first):
-                blocks = state.reshape(order, g, -1)
-                state = np.concatenate([np.sum(a * blocks[: len(a)], axis=0), state[:-g]])
-                for update in updates:
-                    left = rows[t, update.channel] - state[update.channel]
-                    out[t, update.channel] = left * update.scale
-                    state = state + np.outer(update.gain, left)
-        return out
-
-    def _blocks(self, present: Mask, channels: list[int]) -> list[tuple[list[list[_Update]], int]]:
+    def runs(self, present: Mask, channels: list[int]) -> list[tuple[list[list[_Update]], int]]:
         """Return runs of rows without `order` complete rows before them: updates row by row, first row."""
         key = bytes(channels) + present.tobytes()
         if key not in self._updates:
@@ -208,6 +185,68 @@ class Autoregression:
         return blocks
 
 
+class Whitening:
+    """Whitens the rows of a record block after block, as `Autoregression.whitened` does all at once.
+
+    `present`: mask of the values of the record (times x channels).
+    """
+
+    def __init__(self, colour: Autoregression, present: Mask) -> None:
+        self._colour, self._present, self._done = colour, present, 0
+        self._before = np.zeros((0, 0, 0))  # the last rows
+        # Of each group of channels the runs that are left, the next one last, and the state inside of one.
+        self._runs = [colour.runs(present[:, channels], channels)[::-1] for channels in colour.groups]
+        self._states: dict[int, Array] = {}
+
+    def following(self, rows: Array) -> Array:
+        """Return the next rows (count x channels x w) whitened."""
+        colour, first = self._colour, self._done
+        self._done += len(rows)
+        present = self._present[first : self._done]
+        complete = bool(present.all())
+        rows = rows if complete else np.where(present[..., None], rows, 0.0)
+        if not first:
+            self._before = np.zeros((max(colour.order, 1), *rows.shape[1:]))
+        out = rows.copy()
+        for k, a in enumerate(colour.coefficients.T, 1):
+            out[k:] -= a[:, None] * rows[:-k]
+            if first:
+                out[:k] -= a[:, None] * self._before[-k:][: len(rows)]
+        if colour.mixing is not None:
+            out = np.asarray(np.linalg.solve(colour.mixing, out), dtype=float)
+        for group, channels in enumerate(colour.groups):
+            self._beside_gaps(group, channels, rows, out, first)
+        if not complete:
+            out[~present] = 0.0
+        self._before = np.concatenate([self._before, rows[-len(self._before) :]])[-len(self._before) :]
+        return out
+
+    def _beside_gaps(self, group: int, channels: list[int], rows: Array, out: Array, first: int) -> None:
+        """Replace whitened rows that do not have `order` complete rows before them, `first` the first one."""
+        a, g = self._colour.coefficients[channels].T[..., None], len(channels)  # order x channels x 1
+        order, last = len(self._before), first + len(rows)
+        runs = self._runs[group]
+        while runs and runs[-1][1] < last:
+            run, start = runs[-1]
+            if start < first:
+                state = self._states.pop(group)
+            else:
+                known = np.concatenate([self._before, rows[max(start - first - order, 0) : start - first]])
+                state = known[-order:, channels][::-1].reshape(order * g, -1)  # the newest row first
+            for t in range(max(start, first), min(start + len(run), last)):
+                blocks = state.reshape(order, g, -1)
+                state = np.concatenate([np.sum(a * blocks[: len(a)], axis=0), state[:-g]])
+                for update in run[t - start]:
+                    channel = channels[update.channel]
+                    left = rows[t - first, channel] - state[update.channel]
+                    out[t - first, channel] = left * update.scale
+                    state = state + np.outer(update.gain, left)
+            if start + len(run) > last:
+                self._states[group] = state
+                return
+            runs.pop()
+
+
 def _companion(coefficients: Array) -> Array:
     """Return the matrix of one step of the last rows (channels x order of each), the newest first."""
     g, n = coefficients.shape
@@ -231,7 +270,11 @@ def _stationary(coefficients: Array, innovation: Array) -> Array:
 
 
 def estimated(
-    residual: Array, errors: Array, request: ColouredNoise, orders: NDArray[np.int_] | None = None
+    residual: Array,
+    errors: Iterable[Array],
+    request: ColouredNoise,
+    orders: NDArray[np.int_] | None = None,
+    errors_by_samples: Callable[[], Iterable[Array]] = tuple,
 ) -> Autoregression:
     """Return the autoregression of noise, whose products are those of residuals plus those of errors.
 
@@ -240,20 +283,22 @@ def estimated(
     6 (1978) 461–464), ``N ln(variance of innovations) + order ln N``. Windows with missing samples are left
     out.
 
-    `residual`: residuals (times x channels), NaN where missing; `errors`: columns of a root of the
-    covariance of the prediction's error (times x channels x any). `request`: what is to be estimated;
-    `orders`: orders to keep (channels); default: as wanted. Raises UsageError where a channel has too few
-    values without a gap.
+    `residual`: residuals (times x channels), NaN where missing; `errors`: of each channel the columns of a
+    root of the covariance of the prediction's error (times x any). `request`: what is to be estimated;
+    `orders`: orders to keep (channels); default: as wanted. `errors_by_samples` returns the same in blocks of
+    samples of all channels (… x channels x any), for their correlation. Raises UsageError where a channel has
+    too few values without a gap.
     """
     coefficient_sets, chosen, criteria = [], [], []
-    with_errors, present = np.concatenate([residual[..., None], errors], axis=2), ~np.isnan(residual)
-    for c in range(residual.shape[1]):
+    present = ~np.isnan(residual)
+    for c, errors_of_channel in enumerate(errors):
         count = int(np.count_nonzero(present[:, c]))
         highest = min(_highest(present[:, c]), HIGHEST_ORDER)
         if request.order is not None:
             _check_order(request.order, _highest(present[:, c]))
             highest = request.order
-        coefficients, variances = _burg(with_errors[:, c], present[:, c], highest)
+        with_errors = np.concatenate([residual[:, [c]], errors_of_channel], axis=1)
+        coefficients, variances = _burg(with_errors, present[:, c], highest)
         bic = count * np.log(variances / variances[0]) + np.arange(len(variances)) * np.log(count)
         order = int(np.argmin(bic)) if request.order is None else highest
         chosen.append(min(order if orders is None else int(orders[c]), len(coefficients) - 1))
@@ -265,14 +310,20 @@ def estimated(
     independent = Autoregression(a, np.array(chosen), deviation=np.ones(len(a)), bic=bic)
     if not request.correlated or len(a) == 1:
         return independent
-    e = independent.whitened(with_errors, present)[present.all(axis=1)]
-    if len(e) < NOISE_VALUES.value * len(a):
+    count = int(np.count_nonzero(present.all(axis=1)))
+    if count < NOISE_VALUES.value * len(a):
         raise UsageError(
-            f"only {len(e)} samples have values of all channels: too few for the correlation of their noise",
+            f"only {count} samples have values of all channels: too few for the correlation of their noise",
             remedy="Leave out correlated: true.",
             names=("measurement.noise",),
         )
-    products = np.einsum("tck,tdk->cd", e, e) / len(e)
+    products, whitening, first = np.zeros((len(a), len(a))), Whitening(independent, present), 0
+    for block in errors_by_samples():
+        samples = slice(first, first + len(block))
+        e = whitening.following(np.concatenate([residual[samples, :, None], block], axis=2))
+        e, first = e[present[samples].all(axis=1)], samples.stop
+        products += np.einsum("tck,tdk->cd", e, e)
+    products /= count
     size = np.sqrt(products.diagonal())
     root = np.linalg.cholesky(products / np.outer(size, size)) * size[:, None]
     d = root.diagonal()

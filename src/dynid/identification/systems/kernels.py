@@ -230,28 +230,67 @@ def record(measured: Array, weights: Array, origin: Array, limits: tuple[float, 
 # --- predictions -----------------------------------------------------------------------------------
 
 
-def free(model: ParametricModel, at: Linear, C: Array, direct: Array) -> tuple[Array, Array]:
-    """Return outputs from rest (times x channels), and their derivatives by the first state (… x n)."""
+class Carried(NamedTuple):
+    """What a prediction carries from a block of samples to the next one: nodes that are done, and numbers."""
+
+    node: NDArray[np.int64]
+    numbers: Array
+
+
+def carried(model: ParametricModel, beside: int, start: Array | None = None) -> Carried:
+    """Return the beginning of a prediction from a first state (n; default: rest), with further numbers."""
+    n = model.states
+    numbers = np.zeros(lanes(n) + beside)
+    numbers[:n] = 0.0 if start is None else start
+    return Carried(np.zeros(1, dtype=np.int64), numbers)
+
+
+def carried_free(model: ParametricModel, channels: int, start: Array | None = None) -> Carried:
+    """Return the beginning of what `free` computes for so many channels."""
+    return carried(model, channels * lanes(model.states), start)
+
+
+def carried_sensitive(model: ParametricModel, start: Array) -> Carried:
+    """Return the beginning of what `sensitive` computes from a first state (n)."""
+    return carried(model, model.states * lanes(1 + model.parameters), start)
+
+
+def free(
+    model: ParametricModel, at: Linear, C: Array, direct: Array, before: Carried | None = None
+) -> tuple[Array, Array]:
+    """Return outputs from rest (times x channels), and their derivatives by the first state (… x n).
+
+    `direct`: the direct term of these samples. `before`: what was carried to them, which changes; default:
+    they are the first ones.
+    """
+    before = before or carried_free(model, len(C))
     outputs_at_rest, by_state = np.empty(direct.shape), np.empty((*direct.shape, model.states))
-    call("dynid_free", tables(model), at.members, len(C), plain(C), plain(direct), outputs_at_rest, by_state)
+    arguments = len(C), plain(C), *before, len(direct), plain(direct)
+    call("dynid_free", tables(model), at.members, *arguments, outputs_at_rest, by_state)
     return outputs_at_rest, by_state
 
 
-def at_rest(model: ParametricModel, at: Linear, C: Array, direct: Array) -> Array:
-    """Return outputs from rest (times x channels)."""
-    predicted = np.empty(direct.shape)
-    call("dynid_free", tables(model), at.members, len(C), plain(C), plain(direct), predicted, None)
+def outputs_from(
+    model: ParametricModel, at: Linear, C: Array, direct: Array, start: Array | None = None
+) -> Array:
+    """Return outputs from a first state (n; default: rest; times x channels)."""
+    predicted, before = np.empty(direct.shape), carried_free(model, len(C), start)
+    arguments = len(C), plain(C), *before, len(direct), plain(direct)
+    call("dynid_free", tables(model), at.members, *arguments, predicted, None)
     return predicted
 
 
 def sensitive(
-    model: ParametricModel, at: Linear, C: Array, C_slopes: Array, direct: Array, start: Array
+    model: ParametricModel, at: Linear, C: Array, C_slopes: Array, direct: Array, before: Carried
 ) -> tuple[Array, Array, Array]:
-    """Return outputs from a first state, states (times x n), and derivatives by the coordinates (… x p)."""
+    """Return outputs from a first state, states (times x n), and derivatives by the coordinates (… x p).
+
+    `direct`, `before`: as of `free`; the latter is that of `carried_sensitive` before the first sample.
+    """
     predicted, states = np.empty(direct.shape), np.empty((len(direct), model.states))
     by_parameter = np.empty((*direct.shape, model.parameters))
     varying = plain(C_slopes) if C_slopes.any() else None
-    arguments = len(C), plain(C), varying, plain(direct), plain(start)
+    arguments = len(C), plain(C), varying, *before, len(direct), plain(direct)
     call("dynid_sensitive", tables(model), at.members, *arguments, predicted, states, by_parameter)
     return predicted, states, by_parameter
 
@@ -347,17 +386,40 @@ def _read(model: ParametricModel, values: Array, first: FirstState) -> Any:
     )
 
 
+class Triangles:
+    """Triangular factors of derivatives and residuals side by side, of blocks of samples in turn.
+
+    Householder reflections of blocks of rows, with columns in powers of two of their own size.
+    """
+
+    def __init__(self) -> None:
+        self._factors, self._powers = np.zeros((0, 0, 0)), np.zeros((0, 0))
+        self.counts = np.zeros(0, dtype=np.int64)  #: how many residuals there are
+
+    def absorb(self, by_state: Array, by_parameter: Array, residual: Array) -> None:
+        """Reflect derivatives (samples x channels x n, … x p), and residuals (samples x channels)."""
+        samples, channels, n = by_state.shape
+        if not len(self.counts):
+            width = n + by_parameter.shape[2] + 1
+            self._factors, self._powers = np.zeros((channels, width, width)), np.zeros((channels, width))
+            self.counts = np.zeros(channels, dtype=np.int64)
+        read = map(plain, (by_state, by_parameter, residual))
+        written = self._powers, self._factors, self.counts
+        call("dynid_triangles", samples, channels, n, by_parameter.shape[2], *read, *written)
+
+    def over(self, rms: Array) -> Array:
+        """Return the factors over numbers of the channels (channels x n + p + 1 x n + p + 1)."""
+        units = np.where(self._powers > 0, self._powers / rms[:, None], 1.0)
+        return np.asarray(self._factors * units[:, None])
+
+
 def triangles(
     by_state: Array, by_parameter: Array, residual: Array, rms: Array
 ) -> tuple[Array, NDArray[np.int64]]:
     """Return the triangular factors of derivatives and residuals side by side, over the channels' RMS.
 
-    Blocks of rows are reflected into the triangle of those before them (Householder): channels x n + p + 1 x
-    n + p + 1, and how many residuals there are (channels).
+    Channels x n + p + 1 x n + p + 1; and how many residuals there are (channels).
     """
-    samples, channels, n = by_state.shape
-    p = by_parameter.shape[2]
-    out, counts = np.zeros((channels, n + p + 1, n + p + 1)), np.zeros(channels, dtype=np.int64)
-    read = map(plain, (by_state, by_parameter, residual, rms))
-    call("dynid_triangles", samples, channels, n, p, *read, out, counts)
-    return out, counts
+    factors = Triangles()
+    factors.absorb(by_state, by_parameter, residual)
+    return factors.over(rms), factors.counts

@@ -15,6 +15,7 @@ from dynid.identification.systems.parametric_model import ParametricModel, Trans
 from dynid.identification.systems.readout import Readout
 from dynid.lti.recurrence import free_response, powers_of, recurrence
 from dynid.native import compiled
+from dynid.progress import report_progress
 
 if TYPE_CHECKING:
     from dynid.identification.systems.kernels import Linear
@@ -68,6 +69,20 @@ class Prediction(NamedTuple):
         """Return the prediction of some channels."""
         parts = self.by_parameter[:, channels], self.by_state[:, channels]
         return Prediction(self.outputs[:, channels], self.states, *parts)
+
+
+class PredictionBlock(NamedTuple):
+    """Prediction of some `samples` (k) with its sensitivities.
+
+    `outputs` (k x channels), `states` (k x n, scaled), `by_parameter` (k x channels x p), `by_state` (k x
+    channels x n).
+    """
+
+    samples: slice
+    outputs: Array
+    states: Array
+    by_parameter: Array
+    by_state: Array
 
 
 def free_prediction(model: ParametricModel, eta: Array, channels: slice = ALL_CHANNELS) -> tuple[Free, Steps]:
@@ -128,7 +143,8 @@ def prediction(
     if not isinstance(steps, list):
         from dynid.identification.systems import kernels
 
-        outputs, by_time, by_parameter = kernels.sensitive(model, steps, C, C_slopes, direct.value, x0)
+        start = kernels.carried_sensitive(model, x0)
+        outputs, by_time, by_parameter = kernels.sensitive(model, steps, C, C_slopes, direct.value, start)
         if direct.slopes is not None:
             by_parameter += np.moveaxis(direct.slopes, 0, -1)
         slopes = readout.by_parameter(by_parameter, outputs)
@@ -145,6 +161,48 @@ def prediction(
     outputs = trajectory @ C.T + direct.value
     slopes = readout.by_parameter(moved, outputs)
     return Prediction(readout.gathered(outputs), model.own(trajectory), slopes, free.by_state)
+
+
+def free_blocks(model: ParametricModel, at: Linear, rows: int) -> Iterator[tuple[slice, Array, Array]]:
+    """Yield so many samples after the other, outputs from rest, and their derivatives by the first state.
+
+    `at`: the steps at some coordinates. The model is compiled, and its channels have no delays or clocks.
+    """
+    from dynid.identification.systems import kernels
+
+    C = model.output(at.eta)[0]
+    carried = kernels.carried_free(model, len(C))
+    for samples in _blocks_of(len(model.times), rows):
+        direct = model.direct(at.eta, chosen=samples).value
+        yield samples, *kernels.free(model, at, C, direct, carried)
+
+
+def prediction_blocks(
+    model: ParametricModel, at: Linear, start: Array, rows: int, *, by_state: bool = True
+) -> Iterator[PredictionBlock]:
+    """Yield the prediction of so many samples after the other from a first state (n, scaled).
+
+    `model`, `at`: as of `free_blocks`; `by_state`: False: derivatives by the first state are left out.
+    """
+    from dynid.identification.systems import kernels
+
+    C, C_slopes = model.output(at.eta)
+    free = kernels.carried_free(model, len(C))
+    sensitive = kernels.carried_sensitive(model, start)
+    for samples in _blocks_of(len(model.times), rows):
+        report_progress(f"sensitivities, {samples.start} of {len(model.times)} samples")
+        direct = model.direct(at.eta, chosen=samples)
+        outputs, states, by_parameter = kernels.sensitive(model, at, C, C_slopes, direct.value, sensitive)
+        if direct.slopes is not None:
+            by_parameter += np.moveaxis(direct.slopes, 0, -1)
+        by_start = np.zeros((*outputs.shape, 0))
+        if by_state:
+            by_start = kernels.free(model, at, C, direct.value, free)[1]
+        yield PredictionBlock(samples, outputs, states, by_parameter, by_start)
+
+
+def _blocks_of(samples: int, rows: int) -> Iterator[slice]:
+    return (slice(first, min(first + rows, samples)) for first in range(0, samples, rows))
 
 
 def sensitive_runs(
