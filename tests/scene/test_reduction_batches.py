@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from dynid.result import NUMBERS
 from dynid.scene.batch import run_alone, run_batch, why_alone
 from dynid.scene.explanation import explain
 from dynid.scene.kind import KINDS
@@ -284,3 +285,7 @@ def test_structures_that_are_reduced_one_by_one(elements, fix, mode, why):
 def test_why_samples_over_a_path_are_run_alone(path, collect, why):
     template = scene(f"title: a beam{BEAM}")
     assert why in why_alone(template, (path,), (f"reduction/serep/{collect}",))
+
+
+def test_samples_of_which_nothing_is_collected_are_run_together():
+    assert_together(scene(BEAM), overrides({"parameters.kb": VARIED["parameters.kb"]}), collect=(NUMBERS,))

@@ -305,7 +305,8 @@ class ReductionSamples:
             name: method.reduce(bare, jointed, chosen)
             for (name, method), chosen in zip(self._methods.items(), choice, strict=True)
         }
-        jointed.modes(max(max(reduction.numbers) for reduction in reductions.values()))
+        if reductions:  # none of a study that collects nothing of them
+            jointed.modes(max(max(reduction.numbers) for reduction in reductions.values()))
         sure = np.ones(len(bare.M), dtype=bool)
         arrays: dict[tuple[str, str], Array] = {}
         for name, reduction in reductions.items():
