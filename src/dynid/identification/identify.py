@@ -26,6 +26,7 @@ from dynid.identification.diagnosis.proportional_noise import growing_residuals
 from dynid.identification.diagnosis.symmetry import distinct_kinds, like_parameters
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Estimator, Sweep
+from dynid.identification.estimators.filter import ended
 from dynid.identification.estimators.maximum_likelihood import Huber
 from dynid.identification.estimators.multi_start import drawn_starts
 from dynid.identification.likelihood.frf_record import FrfLikelihood
@@ -486,13 +487,17 @@ def _continued(before: Posterior, likelihood: Likelihood, now: Estimate) -> Esti
         units = [first.scale / second.scale for first, second in pairs]
         earlier = [
             [
-                history._replace(
+                history
+                if np.all(unit == 1)
+                else history._replace(
                     states=history.states * unit, state_deviations=history.state_deviations * unit
                 )
                 for history, unit in zip(sweep, units, strict=True)
             ]
             for sweep in old.histories
         ]
+    if now.histories:  # else the last one of them is that of the result
+        earlier[1:] = map(ended, earlier[1:])
     return replace(
         now,
         histories=[*earlier, *now.histories],

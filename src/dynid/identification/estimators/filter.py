@@ -333,3 +333,12 @@ def thinned(history: Pass) -> Pass:
     names = ("eta", "deviations", "states", "state_deviations")
     # Copies: a view would keep all of it in memory.
     return history._replace(**{name: getattr(history, name)[rows].copy() for name in names})
+
+
+def ended(sweep: Sequence[Pass]) -> list[Pass]:
+    """Return passes with their last rows alone, as of those between the first and the last one."""
+    names = ("eta", "deviations", "states", "state_deviations")
+    return [
+        history._replace(innovations=None, **{name: getattr(history, name)[-1:].copy() for name in names})
+        for history in sweep
+    ]

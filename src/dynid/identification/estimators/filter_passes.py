@@ -17,7 +17,7 @@ from dynid.arrays import Array
 from dynid.defaults import FILTER_PASSES
 from dynid.errors import UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
-from dynid.identification.estimators.filter import Pass, filter_pass, thinned
+from dynid.identification.estimators.filter import Pass, ended, filter_pass, thinned
 from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.record_likelihood import RecordFit
@@ -122,6 +122,7 @@ def run_passes(
         fits = list(zip(records, fit.parts, strict=True))
         priors = [_unit_prior(record, record_fit) for record, record_fit in fits]
         noise = [_floored(record, record_fit.noise) for record, record_fit in fits]
+        sweeps[1:] = map(ended, sweeps[1:])
         sweeps.append(_sweep(likelihood, priors, noise, origin, sigma_points=sigma_points))
     return sweeps
 
