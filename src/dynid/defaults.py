@@ -185,6 +185,10 @@ RECORD_SEARCH_WORK = Limit(
     60_000_000_000,
     "a search of records of time takes at most {value:,} multiplications, or 256 evaluations",
 )
+BACKBONE_HARMONICS = Limit(
+    20_000,
+    "an identification from backbones solves motions of {value:,} harmonics in all for each point at most",
+)
 AGREEING_STARTS = Limit(5, "starts are drawn until {value} of them, and half of all, end at the best optimum")
 
 SATURATED = Limit(128, "a saturated model has at most {value} regressors a channel besides the scene's own")

@@ -98,7 +98,7 @@ def test_what_backbones_do_not_go_with_is_refused(tmp_path, old, new, message):
         ),
         ("amplitude [g];frequency [Hz]\n1;2\n", "amplitude_of: {dof: 1}, ", "has amplitudes in m/s2, but"),
         ("amplitude [N];frequency [Hz]\n1;2\n", "amplitude_of: {dof: 1}, ", "has 'amplitude' in N"),
-        ("amplitude;frequency\n0;2\n", "amplitude_of: {dof: 1}, ", "mode 1 has no positive 'amplitude'"),
+        ("amplitude;frequency\n0;2\n", "amplitude_of: {dof: 1}, ", "point 1 has no positive amplitude"),
         (
             "amplitude;frequency\n1;2\n",
             "amplitude_of: {dof: 1}, sensors: [1], ",

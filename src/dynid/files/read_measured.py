@@ -170,9 +170,15 @@ def read_modes(path: Path, names: Mapping[str, str], scene_key: str) -> ModalTab
             file.refuse(problem, "A ratio is from 0 to 1; per cent are named: damping [%].", colon=True)
     for name in ("amplitude", "mode"):
         values = getattr(modes, name)
-        if values is not None and not np.all(values > 0):  # also where one is missing
-            row = int(np.argmin(values > 0)) + 1
-            file.refuse(f"mode {row} has no positive '{name}'", "Leave it out, or give it one.", colon=True)
+        good = np.ones(1, dtype=bool) if values is None else np.isfinite(values) & (values > 0)
+        if name == "mode" and values is not None:
+            good &= values == np.floor(values)
+        if not good.all():
+            what, row = (
+                {"amplitude": "positive amplitude", "mode": "number of its mode"}[name],
+                int(np.argmin(good)),
+            )
+            file.refuse(f"point {row + 1} has no {what}", "Leave it out, or give it one.", colon=True)
     for name in ("frequency_std", "damping_std", "shape_std"):
         values = getattr(modes, name)
         if values is not None and np.any(np.nan_to_num(values) < 0):

@@ -105,6 +105,8 @@ def verdict(posterior: Posterior) -> str:
             )
             if posterior.optimal and not (posterior.ambiguous or posterior.undetermined):
                 return f"{optimum}, but {fit}, and the intervals are nominal, as a rule too narrow"
+        elif float(np.max(posterior.distance_to_optimum)) > _OFF and not posterior.optimal:
+            return f"NOT converged: {optimum}"  # too far for a step to say what it explains
         if posterior.converged:
             if (optima := posterior.optima) is not None and len(optima) > 1:
                 optimum += (

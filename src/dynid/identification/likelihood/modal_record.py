@@ -30,7 +30,7 @@ from dynid.identification.systems.parametric_model import system_of
 from dynid.parameters import Parameter, named, rates
 from dynid.structure.mode_derivatives import ModalSolution, has_damping, lowest_modes
 from dynid.structure.model import StructuralModel
-from dynid.structure.nonlinear.branch import Branch
+from dynid.structure.nonlinear.backbone_points import Backbones
 
 #: Frequencies nearer to each other, relative, have one span of shapes.
 CLOSE = 1e-4
@@ -76,7 +76,7 @@ class ModalRecord(RecordLikelihood):
     left_out: tuple[int, ...] = ()
     # Lower root of the covariance of the values that are there, and their mask; None of independent ones.
     root: tuple[Array, NDArray[np.bool_]] | None = None
-    branches: dict[int, Branch] = field(default_factory=dict, repr=False)  # of backbones, by mode
+    backbones: Backbones = field(default_factory=Backbones, repr=False)
     modal: ClassVar[bool] = True
     outlier_remedy: ClassVar[str] = ""  # modes have no robust loss
 
@@ -259,7 +259,7 @@ class ModalRecord(RecordLikelihood):
     def _paired(self, at: Mapping[str, float], *, slopes: bool = True) -> PairedModes:
         """Return the modes paired with the measured ones, with or without their derivatives."""
         if self.measurement.backbone is not None:
-            return backbone_modes(self.measurement, self.model, at, self.branches)
+            return backbone_modes(self.measurement, self.model, at, self.backbones)
         by = self.model.slopes(at) if slopes else ()
         return paired_modes(self.measurement, self.rows, self.solution(at), by, self.error, self.close)
 

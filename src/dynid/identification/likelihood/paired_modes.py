@@ -18,7 +18,7 @@ from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.structure.correlation import mac, paired
 from dynid.structure.mode_derivatives import ModalSolution, has_damping, lowest_modes, modal_basis
 from dynid.structure.model import StructuralModel
-from dynid.structure.nonlinear.branch import Branch
+from dynid.structure.nonlinear.backbone_points import Backbones, Place, backbone_points
 
 # Modes beside the measured ones that are computed, so that crossings are seen; up to which part of the
 # highest measured frequency; and the most of them.
@@ -123,19 +123,17 @@ def backbone_modes(
     measured: ModalMeasurement,
     model: StructuralModel,
     at: Mapping[str, float],
-    branches: dict[int, Branch],
+    backbones: Backbones,
 ) -> PairedModes:
     """Return frequencies and damping ratios of modes at measured amplitudes, and derivatives by parameters.
 
-    `branches`: as of `backbone_points`.
+    `backbones`: as of `backbone_points`.
     """
-    from dynid.structure.nonlinear.backbone_points import Place, backbone_points
-
     backbone = measured.backbone
     assert backbone is not None
     place, modes = Place(backbone.channel.row(model), backbone.channel.order), backbone.mode.astype(int)
     near, names = float(np.mean(measured.omega)), [unknown.name for unknown in model.unknowns]
-    points = backbone_points(model, at, names, place, backbone.amplitude, modes, near, branches)
+    points = backbone_points(model, at, names, place, backbone.amplitude, modes, near, backbones)
     columns, slopes = [points.omega], [points.omega_slopes]
     if measured.has_damping:
         columns.append(points.damping)

@@ -365,7 +365,8 @@ def cautions(result: Result) -> Iterator[str]:
             more = "amplitudes" if is_backbone(result) else more
             remedy = f"add {more}, or fix a parameter"
         else:
-            remedy = "use method auto, or more passes"
+            of_modes = _is_modal(result)
+            remedy = "start nearer to the true values" if of_modes else "use method auto, or more passes"
         if not result.rejected:  # else the error of the run says it
             yield f"not converged: {_reason(result)}: {remedy}"
     elif is_open(result):  # the warnings have the remedies

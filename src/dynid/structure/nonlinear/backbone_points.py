@@ -7,11 +7,13 @@ along a mode (`dynid.structure.nonlinear.backbone`) with this amplitude held.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from dynid.arrays import Array
+from dynid.defaults import BACKBONE_HARMONICS
 from dynid.errors import NumericalError, UsageError
 from dynid.structure.model import StructuralModel
 from dynid.structure.nonlinear.backbone import BackboneCurve
@@ -21,7 +23,7 @@ from dynid.structure.nonlinear.harmonic_balance import MAX_HARMONICS, condensed
 from dynid.structure.nonlinear.parameter_forces import ParameterForces
 
 # Longest and shortest growth of the amplitude in a step, relative.
-_LONGEST_STEP, _SHORTEST_STEP = 0.3, 1e-3
+_LONGEST_STEP, _SHORTEST_STEP = 0.3, 0.01
 # Amplitudes are followed from the smallest one, or where need be from this part of it, again and again.
 _SMALLER, _MAX_SMALLER = 0.25, 20
 # Relative error of an amplitude below which the rest is to first order, and most steps until it is reached.
@@ -36,6 +38,14 @@ class Place(NamedTuple):
 
     row: Array
     order: int = 0
+
+
+@dataclass
+class Backbones:
+    """The states of the last evaluation, of each mode, with which the next begins; harmonics until now."""
+
+    branches: dict[int, Branch] = field(default_factory=dict)
+    harmonics: int = 0
 
 
 class BackbonePoints(NamedTuple):
@@ -55,16 +65,22 @@ def backbone_points(
     amplitudes: Array,
     modes: Array,
     near: float,
-    branches: dict[int, Branch],
+    backbones: Backbones,
 ) -> BackbonePoints:
     """Return natural frequencies and damping ratios at amplitudes (r) of motions along modes (r, from 0).
 
     `names`: the parameters (p); modes are numbered by the frequencies of small motions; `near`: a frequency
-    of the motions, rad/s; `branches`: where the search begins, of each mode, which are renewed.
+    of the motions, rad/s; `backbones`: where the search begins, which is renewed.
 
-    Raises NumericalError if a backbone cannot be followed to an amplitude, UsageError if there is no such
-    mode, or if it does not move the place.
+    Raises NumericalError if a backbone cannot be followed to an amplitude, or too many motions were solved,
+    UsageError if there is no such mode, or if it does not move the place.
     """
+    if backbones.harmonics > BACKBONE_HARMONICS.value * len(modes):
+        raise NumericalError(
+            f"the search for backbones has solved motions of {backbones.harmonics:,} harmonics in all",
+            remedy="Start nearer to the true values, and check units, modes and amplitudes of the points.",
+            names=_PLACE,
+        )
     structure = condensed(model, values, near)
     parameters = ParameterForces(model, values, names, structure)
     at, row = np.array([values[name] for name in names]), place.row @ structure.shapes
@@ -78,10 +94,11 @@ def backbone_points(
                 remedy="Name another DOF as that of the amplitudes.",
                 names=("measurement.modes.amplitude_of", *_PLACE),
             )
-        along = _Along(BackboneCurve(structure, mode, MAX_HARMONICS), parameters, row, place.order)
+        curve = BackboneCurve(structure, mode, MAX_HARMONICS)
+        along = _Along(curve, parameters, row, place.order, backbones)
         of_mode = np.flatnonzero(modes == mode)
         order = of_mode[np.argsort(amplitudes[of_mode], kind="stable")]
-        branch = branches.setdefault(mode, Branch())
+        branch = backbones.branches.setdefault(mode, Branch())
         states = along.continued(branch, at, amplitudes[order]) or along.followed(amplitudes[order])
         branch.values, branch.at, branch.states = at, amplitudes[order], states
         for k, state in zip(order.tolist(), states, strict=True):
@@ -102,8 +119,11 @@ class _Solution(NamedTuple):
 class _Along:
     """Motions along a mode with given amplitudes of a place, whose modal displacements are `row` (n)."""
 
-    def __init__(self, curve: BackboneCurve, parameters: ParameterForces, row: Array, order: int) -> None:
+    def __init__(
+        self, curve: BackboneCurve, parameters: ParameterForces, row: Array, order: int, backbones: Backbones
+    ) -> None:
         self.curve, self.parameters, self.row, self.order = curve, parameters, row, order
+        self.backbones = backbones
 
     def continued(self, branch: Branch, values: Array, amplitudes: Array) -> list[State]:
         """Return the states that continue those of other values; none where one fails."""
@@ -139,7 +159,8 @@ class _Along:
                     raise NumericalError(
                         f"the backbone of mode {self.curve.mode + 1} cannot be followed beyond the amplitude "
                         f"{size:.4g}",
-                        remedy="Start nearer to the true values, or leave out larger amplitudes.",
+                        remedy="Start nearer to the true values, name the 'mode' of each point, or leave out "
+                        "larger amplitudes.",
                     )
             out.append(solution.state)
         return out
@@ -181,6 +202,7 @@ class _Along:
         curve = self.curve
         curve.harmonics = curve.order(curve.motion(u))
         point = solve_at(curve, u)
+        self.backbones.harmonics += curve.harmonics
         if point is None:
             raise NumericalError("Newton's iteration does not converge")
         u = point.u
