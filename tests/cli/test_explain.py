@@ -54,6 +54,11 @@ def test_a_graph_is_counted_and_what_no_output_depends_on_is_named():
     assert told["computes"] == "zeros, poles"
 
 
+def test_steady_states_are_told_with_their_span(request):
+    told = facts(explain(config(request, "duffing_beam")))
+    assert told["steady states"] == "harmonic balance, 6 … 10 Hz, force at w_7"
+
+
 @pytest.mark.parametrize(
     ("mass", "told"),
     [

@@ -663,6 +663,16 @@ reduction: [{{method: craig-bampton, masters: [2], modes: {{below: 9}}}}, {{meth
 inputs: [1]
 outputs: [{{dof: 2, quantity: velocity}}]
 """
+LAWS = """dynid: 1
+kind: identification
+structure: {lumped: {masses: [1, 2], links: [{dofs: [1], k: 2000, c: 3}]}}
+joints: {hinge: {dofs: [1, 2], k: 1.0e4, laws: [{kind: cubic, k3: 1.0e6}]}}
+analysis: {modes: {}}
+"""
+LAWS_IN_TIME = LAWS.replace(
+    "modes: {}", "outputs: [{dof: 1}], time: {stop: 1, step: 0.01, input: [{dof: 1, kind: step}]}"
+)
+MODAL = (CONFIGS / "chain_ambient.yaml").read_text()
 RESPONSES = GRAPH + f"analysis: {{outputs: [m.f], {GRID}}}\nderived: [frequency_response]\n"
 
 
@@ -694,6 +704,10 @@ RESPONSES = GRAPH + f"analysis: {{outputs: [m.f], {GRID}}}\nderived: [frequency_
         (REDUCTION, "reduction/frf/full", "{omega: 2.5}", "no omega 2.5 on"),
         (REDUCTION, "reduction/craig-bampton/frequencies", "{mode: 9}", "there are 3 at most"),
         (REDUCTION, "reduction/guyan/frequencies", "{mode: 2}", "there are 1 at most"),
+        (RECORDS, "identification/measurement/record_9/measured", "{time: 0.1}", "each record has a group"),
+        (LAWS, "structure/joints/force", "{time: 0.1}", "'joints' needs the block 'time'"),
+        (LAWS_IN_TIME, "structure/joints/force", "{time: 0.123}", ""),
+        (MODAL, "modal/frequency", "{mode: 90}", ""),
     ],
 )
 def test_labels_of_what_the_scene_leaves_out(text, path, at, said):

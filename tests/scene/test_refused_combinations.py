@@ -3,6 +3,8 @@
 import pytest
 
 import dynid
+from dynid.result import Result
+from dynid.scene.kinds.identification import estimates_alone, interest_of
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 from tests.scene.example_scenes import faults_of
@@ -122,6 +124,17 @@ def test_a_curve_without_its_peak_has_no_backbone_and_says_so():
     assert "no backbone" in result.group_attrs["response/harmonic_balance"]["note"]
 
 
+def test_what_a_basis_has_to_show_is_also_the_response_that_is_asked():
+    asked = "analysis: {inputs: [1], outputs: [{dof: 1}], frequency: {start: 1, stop: 900, points: 9}}\n"
+    recorded = RECORDED.replace("LAWS", "").replace("NOISE", "")
+    alone, both = (check_source(parse_source(text, "s.yaml")) for text in (recorded, recorded + asked))
+    assert interest_of(alone).dofs == (2,)
+    assert interest_of(both).dofs == (2, 1)
+    assert interest_of(both).band == interest_of(alone).band  # that of the record
+    sample = Result("identification")
+    assert estimates_alone(alone.model, sample) != estimates_alone(both.model, sample)
+
+
 def test_steady_states_of_a_reduced_structure_keep_their_band():
     beam = """dynid: 1
 kind: identification
@@ -188,6 +201,26 @@ NO_PORT = ASKED.replace("results: [time_response]", "results: [properties], port
         (STRUCTURE + FUNCTIONS + "  held_out: [{samples: 20}]\n", "", "", "'held_out' are records of time"),
         (graph("", more=NO_PORT), "PORT", "v", "a port is one bond of the graph"),
         (graph("", more=NO_PORT), "PORT", "v -> x", "x"),
+        (
+            graph(
+                f"control: {{loops: [{LIMITED}]}}",
+                line=", line: {type: TL, impedance: 1, delay: 0.1}, e: {type: R, value: 1}",
+                ends=", v -> line -> e",
+                more=ASKED.replace("[time_response]", "[poles, time_response]"),
+            ),
+            "",
+            "",
+            "the response of controllers with 'limits' is not computed with a line",
+        ),
+        (
+            graph(
+                "control: {lqr: {states: [m.f, k.q], weights: {m.f: 1, F: 1}, setpoints: {k.q: [1]}}}",
+                more=ASKED.replace("[r]", "[F]"),
+            ),
+            "",
+            "",
+            "",
+        ),
     ],
 )
 def test_what_makes_no_sense_in_its_place_is_refused(text, old, new, message):

@@ -8,8 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dynid.scene.files import file_places, moved
+from dynid.scene.yaml.parser import MAX_DEPTH
 from dynid.scene.yaml.source import parse_source, path_of, set_values
-from dynid.scene.yaml.writer import dump, edited
+from dynid.scene.yaml.writer import dump, edited, plain
 
 SCENE = """\
 # A scene.
@@ -148,3 +149,13 @@ def test_files_of_a_scene_and_where_they_are_from_elsewhere(tmp_path):
     assert moved("/abs.csv", tmp_path, there) == "/abs.csv"
     assert moved("K.h5:/k/K", tmp_path, tmp_path) == "K.h5:/k/K"
     assert Path(os.path.normpath(there / moved("../K.npz", tmp_path, there))) == tmp_path.parent / "K.npz"
+
+
+def test_what_no_scene_can_hold_is_not_written():
+    nested = 1
+    for _ in range(MAX_DEPTH):
+        nested = [nested]
+    assert plain(nested) == nested
+    for value in ([nested], "a\x00b", 10**400, {1: 0, "1": 0}, {(1,): 0}):
+        with pytest.raises(ValueError):  # noqa: PT011
+            plain(value)
