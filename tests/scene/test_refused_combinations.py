@@ -3,7 +3,7 @@
 import pytest
 
 import dynid
-from dynid.result import Result
+from dynid.result import Selection
 from dynid.scene.kinds.identification import estimates_alone, interest_of
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
@@ -131,8 +131,9 @@ def test_what_a_basis_has_to_show_is_also_the_response_that_is_asked():
     assert interest_of(alone).dofs == (2,)
     assert interest_of(both).dofs == (2, 1)
     assert interest_of(both).band == interest_of(alone).band  # that of the record
-    sample = Result("identification")
-    assert estimates_alone(alone.model, sample) != estimates_alone(both.model, sample)
+    sample = Selection("identification", ["identification/parameters/estimate"])
+    assert estimates_alone(alone.model, sample)
+    assert not estimates_alone(both.model, sample)
 
 
 def test_steady_states_of_a_reduced_structure_keep_their_band():
