@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 from dynid import defaults, load_scene, run
 from dynid.errors import Diverged, DynidError
 from dynid.identification.diagnosis.verdict import deciding_text
+from dynid.identification.estimators import auto
 from dynid.identification.estimators.auto import in_segments
 from dynid.identification.estimators.multi_start import Search, drawn_starts
 from dynid.identification.identify import identify
@@ -144,6 +145,16 @@ def test_segments_are_fitted_each_from_an_initial_state_of_its_own(seed, part, g
     differences = [(guide.misfit_at(origin - d) - guide.misfit_at(origin + d)) / 2e-4 for d in steps]
     slope = guide.information(fit, one).projected.T @ guide.weighted(fit, one)
     np.testing.assert_allclose(slope, differences, rtol=0.01, atol=0.01 * np.abs(slope).max())
+
+
+def test_segments_of_long_records_are_those_of_their_first_part(monkeypatch):
+    ensemble, origin = likelihood(case(7))
+    [record] = ensemble.records
+    numbers = len(record.data.rms) * (record.model.states + record.model.parameters + 1)
+    monkeypatch.setattr(auto, "_MOST_SEGMENT_NUMBERS", 40 * numbers)
+    guide = in_segments(ensemble, 4)
+    assert len(guide.records[0].record.data.values) == 40 < len(record.data.values)
+    assert np.isfinite(guide.misfit(guide.fit(origin)))
 
 
 def test_starts_are_a_latin_hypercube_within_bounds_and_priors():

@@ -71,6 +71,8 @@ if TYPE_CHECKING:
 # The prior of the initial states of segments has this part of the information of one value of RMS size:
 # states that are not observable in a segment stay those of the forced response.
 _STATE_RIDGE = 1e-6
+# Most numbers of a prediction with its derivatives that is cut into segments.
+_MOST_SEGMENT_NUMBERS = 20_000_000
 # A segment has at least this many values for each of its initial states.
 _MIN_VALUES_PER_STATE = 2
 
@@ -207,9 +209,15 @@ def _starts(by_start: Array, projected: Array) -> Array:
 
 
 def in_segments(likelihood: TimeLikelihood, divisor: int) -> Likelihood:
-    """Return the likelihood of records in segments of this part of their length, or somewhat longer ones."""
+    """Return the likelihood of records in segments of this part of their length, or somewhat longer ones.
+
+    Of long records those of their first part: a search needs no more, and its memory does not grow.
+    """
     segments = []
-    for record in likelihood.records:
+    for whole in likelihood.records:
+        numbers = len(whole.data.rms) * (whole.model.states + whole.model.parameters + 1)
+        most = _MOST_SEGMENT_NUMBERS // numbers
+        record = whole.first(most) if most < len(whole.times) else whole
         samples, channels = record.data.values.shape
         min_length = math.ceil(_MIN_VALUES_PER_STATE * record.nuisances / channels)
         length = int(min(samples, max(min_length, samples // divisor)))
