@@ -196,6 +196,9 @@ def test_scatter_of_zero_is_raised_to_the_floor():
     wanted = replace(modal, shape_std=np.maximum(std, 0.02 * modal.sizes))
     other = identify(model, wanted)
     np.testing.assert_allclose(parameter(result, "estimate"), parameter(other, "estimate"), rtol=1e-12)
+    told = ["below its floor, 2 % of shape, counts" in said for said in modes(result, "statements")]
+    assert sum(told) == 1
+    assert not any("floor" in said for said in modes(other, "statements"))
 
 
 @pytest.mark.thorough

@@ -144,6 +144,17 @@ class ModalMeasurement:
         """True if there is a damping ratio."""
         return self.damping is not None and not np.isnan(self.damping).all()
 
+    @property
+    def raised(self) -> list[str]:
+        """Quantities of which a stated scatter is below its floor, which counts in its place."""
+        damping = None if self.damping is None else np.abs(self.damping)
+        stated = (self.omega_std, self.omega), (self.damping_std, damping), (self.shape_std, self.sizes)
+        return [
+            name
+            for name, floor, (std, size) in zip(QUANTITIES, self.floors, stated, strict=True)
+            if std is not None and size is not None and np.any(std < floor * size)
+        ]
+
     def deviations(self) -> tuple[Array, Array, Array]:
         """Return the relative scatter of frequencies (r), damping ratios (r), and shapes (s x r)."""
         damping = np.full(self.modes, np.nan) if self.damping is None else self.damping

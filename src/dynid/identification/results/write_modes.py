@@ -277,9 +277,19 @@ def add_modes(
     if len(posterior.likelihood.records) == 1:
         in_error = needed is not None or bool(record.error.any())
         said += _add_diagnosis(result, posterior, record, rebuild, in_error=in_error)
+    said += _raised(measured)
     said += _add_directions(result, posterior)
     result.add_axis(f"{GROUP}/statements", np.array(said, dtype=object))
     return result
+
+
+def _raised(measured: ModalMeasurement) -> list[str]:
+    """Return which stated scatter counts as its floor."""
+    floors = [f"{100 * getattr(measured.floors, name):g} % of {name}" for name in measured.raised]
+    if not floors:
+        return []
+    listed = " and ".join(floors)
+    return [f"a stated scatter below its floor, {listed}, counts as the floor (measurement.modes.floor)"]
 
 
 def _add_leverage(result: Result, table: ScatterTest, measured: ModalMeasurement) -> list[str]:
