@@ -168,17 +168,15 @@ def read_modes(path: Path, names: Mapping[str, str], scene_key: str) -> ModalTab
             number = int(np.argmax(bad))
             problem = f"mode {number + 1} has the damping ratio {modes.damping[number]:g}"
             file.refuse(problem, "A ratio is from 0 to 1; per cent are named: damping [%].", colon=True)
-    for name in ("amplitude", "mode"):
-        values = getattr(modes, name)
-        good = np.ones(1, dtype=bool) if values is None else np.isfinite(values) & (values > 0)
-        if name == "mode" and values is not None:
+    for what, values in (("positive amplitude", modes.amplitude), ("number of its mode", modes.mode)):
+        if values is None:
+            continue
+        good = np.isfinite(values) & (values > 0)
+        if values is modes.mode:
             good &= values == np.floor(values)
         if not good.all():
-            what, row = (
-                {"amplitude": "positive amplitude", "mode": "number of its mode"}[name],
-                int(np.argmin(good)),
-            )
-            file.refuse(f"point {row + 1} has no {what}", "Leave it out, or give it one.", colon=True)
+            row = int(np.argmin(good)) + 1
+            file.refuse(f"point {row} has no {what}", "Leave it out, or give it one.", colon=True)
     for name in ("frequency_std", "damping_std", "shape_std"):
         values = getattr(modes, name)
         if values is not None and np.any(np.nan_to_num(values) < 0):

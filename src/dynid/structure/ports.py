@@ -68,12 +68,12 @@ class Channel(NamedTuple):
     @property
     def unit(self) -> str:
         """Its unit, SI; empty where its DOF may be a translation or a rotation."""
-        return _of_kind(self.kind or _kind(self.dof), *_motion(self.recorded))
+        return _of_kind(self.kind or _kind(self.dof), *motion_units(self.recorded))
 
     @property
     def units(self) -> tuple[str, ...]:
         """The units that its label allows, SI: of a label without direction two."""
-        return _allowed(self.dof, *_motion(self.recorded))
+        return _allowed(self.dof, *motion_units(self.recorded))
 
     @property
     def recorded(self) -> str:
@@ -135,12 +135,12 @@ class Load(NamedTuple):
     @property
     def unit(self) -> str:
         """The unit of its signal, SI; empty where its DOF may be a translation or a rotation."""
-        return _of_kind(self.kind or _kind(self.dof), *_motion(self.motion))
+        return _of_kind(self.kind or _kind(self.dof), *motion_units(self.motion))
 
     @property
     def units(self) -> tuple[str, ...]:
         """The units of its signal that its label allows, SI: of a label without direction two."""
-        return _allowed(self.dof, *_motion(self.motion))
+        return _allowed(self.dof, *motion_units(self.motion))
 
 
 def integrated(quantity: str, times: int) -> str:
@@ -148,7 +148,7 @@ def integrated(quantity: str, times: int) -> str:
     return list(UNITS)[max(0, list(UNITS).index(quantity) - times)]
 
 
-def _motion(quantity: str | None) -> tuple[str, str]:
+def motion_units(quantity: str | None) -> tuple[str, str]:
     """Return the units of a quantity, default: of a force, along a translation and along a rotation."""
     if quantity is None:
         return "N", "N.m"

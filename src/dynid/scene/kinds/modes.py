@@ -19,11 +19,6 @@ if TYPE_CHECKING:
     from dynid.structure.labels import Label
 
 _PLACE = "measurement.modes"
-_MOTION_UNITS = {
-    "displacement": ("m", "rad"),
-    "velocity": ("m/s", "rad/s"),
-    "acceleration": ("m/s2", "rad/s2"),
-}
 
 
 def modal_measurement(scene: Scene, modes: MeasuredModesModel, place: Any = None) -> ModalMeasurement:
@@ -158,8 +153,10 @@ def _check_amplitudes(path: Path, survey: ModalTable, modes: MeasuredModesModel)
             "no column 'amplitude'" if survey.amplitude is None else "shapes, which modes at amplitudes lack"
         )
         raise FileError(f"{path} has {what}", remedy="Name the columns under 'file'.", names=place)
-    unit, units = survey.amplitude_unit, _MOTION_UNITS[of.quantity]
-    if unit and unit not in units:
+    from dynid.structure.ports import motion_units
+
+    unit = survey.amplitude_unit
+    if unit and unit not in motion_units(of.quantity):
         raise FileError(
             f"{path} has amplitudes in {unit}, but 'amplitude_of' is a {of.quantity}",
             remedy="Correct the 'quantity', or the heading.",

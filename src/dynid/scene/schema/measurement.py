@@ -189,11 +189,10 @@ class MeasuredChannelModel(ChannelModel):
                 "quantity before it, of which it makes a velocity or a displacement"
             )
         if self.unit is not None and self.quantity is not None and self.sensitivity is None:
-            from dynid.structure.ports import UNITS, integrated
+            from dynid.structure.ports import integrated, motion_units
 
             recorded = integrated(self.quantity, 0 if self.integrator is None else self.integrator.order)
-            motion = UNITS[recorded]
-            units, what = [motion, motion.replace("m", "rad", 1)], f"the {recorded} of this channel"
+            units, what = [*motion_units(recorded)], f"the {recorded} of this channel"
             if self.reference is not None:
                 units = [f"({unit})/{force}" for unit in units for force in ("N", "(N.m)")]
                 what = "this response"

@@ -147,11 +147,9 @@ class MeasuredModesModel(Section):
             raise fault("'amplitude_of' is a motion at a DOF of the structure, or between two")
         if of is not None and (self.sensors is not None or self.match is not None):
             raise fault("modes at amplitudes have no shapes: 'sensors' and 'match' say nothing")
-        for k, mode in enumerate(self.values):
-            if (mode.amplitude is None) != (self.amplitude_of is None):
-                raise_faults(
-                    [(("values", k), "either all modes have an 'amplitude', with 'amplitude_of', or none")]
-                )
+        said = "either all modes have an 'amplitude', with 'amplitude_of', or none"
+        odd = (k for k, mode in enumerate(self.values) if (mode.amplitude is None) != (of is None))
+        raise_faults((("values", k), said) for k in odd)
         if self.match is not None and (self.file is None or self.sensors is not None):
             raise fault("'match' finds the nodes of a file in the model; here the scene names the DOFs")
         if self.match is not None and (self.match.quantity or self.match.units):

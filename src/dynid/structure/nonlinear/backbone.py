@@ -126,17 +126,15 @@ class BackboneCurve(ForcedResponse):
         (H + 1 x n x p). Returned are those of the unknowns before the amplitude (N x p + 1), and of the
         amplitudes of the modes (H + 1 x n x p + 1).
         """
-        at, s, size = self._beside, self.structure, len(J) - 2
-        slopes = -np.linalg.solve(J[:, :-1], np.column_stack([self.by_forces(by_parameter), J[:, -1]]))
-        change = np.einsum(
-            "jik,jkp->ijp", self.forces.by_motion, slopes[:size].reshape(self.joints, -1, slopes.shape[1])
-        )
-        forces = s.deflections.T @ to_complex(change) + at.by_omega_growth @ slopes[size:]
+        at, size = self._beside, len(J) - 2
+        right = np.column_stack([self.by_forces(by_parameter), J[:, -1]])
+        slopes = np.asarray(-np.linalg.solve(J[:, :-1], right))
+        forces = self.law_forces(slopes[:size]) + at.by_omega_growth @ slopes[size:]
         forces[:, :, :-1] += by_parameter
         forces[1, self.mode] = 0.0
         moved = -solved(at.stiffness, forces)
         moved[1, :, -1] += at.shape
-        return np.asarray(slopes), moved
+        return slopes, moved
 
     def modal_motion(self, u: Array) -> ComplexArray:
         """Return the amplitudes of all modes at a solution (H + 1 x n)."""

@@ -281,6 +281,15 @@ class ForcedResponse:
         matrix[np.diag_indices(unknowns)] += 1.0
         return matrix
 
+    def law_forces(self, slopes: Array) -> ComplexArray:
+        """Return changes of the laws' modal forces (H + 1 x n x p) by those of the deflections.
+
+        `slopes`: changes of the unknowns of the deflections, where last evaluated (joints (2 H + 1) x p).
+        """
+        changes = slopes.reshape(self.joints, -1, slopes.shape[1])
+        forces = np.einsum("jik,jkp->ijp", self.forces.by_motion, changes)
+        return np.asarray(self.structure.deflections.T @ to_complex(forces))
+
     def scale(self, u: Array) -> Array:
         """Return the sizes of the unknowns."""
         size = float(np.abs(self.motion(u)).sum(axis=1).max()) or 1.0

@@ -18,7 +18,7 @@ from dynid.structure.labels import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.nonlinear.branch import Branch, State
 from dynid.structure.nonlinear.continuation import solve_at, trace
-from dynid.structure.nonlinear.fourier import to_complex, to_real
+from dynid.structure.nonlinear.fourier import to_real
 from dynid.structure.nonlinear.harmonic_balance import MAX_HARMONICS, ForcedResponse, condensed, solved
 from dynid.structure.nonlinear.parameter_forces import ParameterForces
 
@@ -170,13 +170,11 @@ class _Derivatives:
 
         `J`: the derivatives of the residuals by the unknowns, at the solution that was evaluated last.
         """
-        s, omega, q = self.structure, float(u[-1]), equations.motion(u)
-        forces, motion = equations.forces, equations.modal_motion(u)
-        by_parameter = self.parameters.of(q, omega, motion, equations.memory)
+        s, omega, motion = self.structure, float(u[-1]), equations.modal_motion(u)
+        by_parameter = self.parameters.of(equations.motion(u), omega, motion, equations.memory)
         Z = s.free(s.stiffness(omega, len(motion) - 1)[0])
         moved = -solved(Z, by_parameter)
         residual = to_real(-(s.deflections @ moved)).transpose(1, 0, 2)
-        slopes = -np.linalg.solve(J, residual.reshape(len(J), -1))
-        change = np.einsum("jik,jkp->ijp", forces.by_motion, slopes.reshape(*q.shape, -1))
-        moved -= solved(Z, s.deflections.T @ to_complex(change))
-        return np.asarray(slopes), motion[1], np.asarray(moved[1])
+        slopes = np.asarray(-np.linalg.solve(J, residual.reshape(len(J), -1)))
+        moved -= solved(Z, equations.law_forces(slopes))
+        return slopes, motion[1], np.asarray(moved[1])
